@@ -1,0 +1,74 @@
+"""A trained court network as one ONNX file, for the reader in `pgm_data.detect.court_network`."""
+
+import json
+import warnings
+from copy import deepcopy
+from pathlib import Path
+
+import torch
+from torch import nn
+from torch.nn.utils.fusion import fuse_conv_bn_eval
+
+from pgm_data.dataset.files import whole_file
+from pgm_data.detect.court_network import INPUT_SIZE
+from pgm_models.checkpoint import Checkpoint
+from pgm_models.detectors.heatmap_net import PRESETS, ConvNorm, HeatmapNet, Residual, Up
+
+
+def network_from_checkpoint(checkpoint: Checkpoint) -> HeatmapNet:
+    """The network with the averaged weights, in evaluation mode."""
+    task = checkpoint.options["task"]
+    network = HeatmapNet(len(task["points"]), PRESETS[task["options"]["preset"]])
+    network.load_state_dict(checkpoint.average)
+    return network.eval()
+
+
+def fold_norms(network: HeatmapNet) -> HeatmapNet:
+    """A copy without batch norms: each is folded into the convolution before it."""
+    folded = deepcopy(network).eval()
+    for module in list(folded.modules()):
+        if isinstance(module, ConvNorm):
+            module[0], module[1] = fuse_conv_bn_eval(module[0], module[1]), nn.Identity()
+        elif isinstance(module, Residual):
+            module.second, module.norm = fuse_conv_bn_eval(module.second, module.norm), nn.Identity()
+        elif isinstance(module, Up):
+            module.narrow, module.norm = fuse_conv_bn_eval(module.narrow, module.norm), nn.Identity()
+    return folded
+
+
+def export_court(network: HeatmapNet, names: tuple[str, ...], path: Path, *, about: dict[str, object]) -> None:
+    """Write the network as one ONNX file with the names of its points and `about`, JSON values, in its metadata.
+
+    Input `picture` (1, 3, rows, columns), red green blue in 0..1; outputs `points`, `absent`, `line`: logits.
+    """
+    import onnx
+
+    picture = torch.zeros(1, 3, INPUT_SIZE[1], INPUT_SIZE[0])
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FutureWarning)  # the exporter warns of its own internals
+        program = torch.onnx.export(
+            fold_norms(network).to(memory_format=torch.contiguous_format),
+            (picture,),
+            dynamo=True,
+            input_names=["picture"],
+            output_names=["points", "absent", "line"],
+            verbose=False,
+        )
+    if program is None:
+        raise RuntimeError(f"{path}: expected an ONNX program from torch.onnx.export, got none")
+    model = program.model_proto
+    # Where each node came from in the source takes more room than half the weights, and holds local paths.
+    for node in model.graph.node:
+        del node.metadata_props[:]
+        node.doc_string = ""
+    for value in (*model.graph.input, *model.graph.output, *model.graph.value_info, *model.graph.initializer):
+        del value.metadata_props[:]
+        value.doc_string = ""
+    del model.graph.metadata_props[:]
+    del model.metadata_props[:]
+    for key, value in {"points": json.dumps(list(names)), "about": json.dumps(about)}.items():
+        model.metadata_props.add(key=key, value=value)
+    onnx.checker.check_model(model)
+    with whole_file(path) as temporary:
+        temporary.write_bytes(model.SerializeToString())
