@@ -15,8 +15,8 @@ VIDEO_SUFFIXES = frozenset(
 STILL_SUFFIXES = frozenset(".jpg .jpeg .jpe .png .bmp .tif .tiff .webp .ppm .pgm .jp2".split())
 """File name endings taken for a still picture, which is a video of one frame."""
 
-MAX_STEM = 120
-"""Longest clip name made from a file name, characters."""
+MAX_NAME_BYTES = 180
+"""Longest clip name made from a file name, bytes in UTF-8: what file systems allow, less room for numbers and endings."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -91,15 +91,15 @@ def clip_stems(videos: Sequence[Path], prefix: str = "") -> tuple[str, ...]:
 
 
 def clean_name(text: str) -> str:
-    """The text as one safe folder name: letters, digits, `_`, `-`, `+`, inner dots; anything else becomes `_`.
+    """The text as one safe folder name: letters and digits, `_`, `-`, `+`, inner dots; a run of others becomes a `_`.
 
     Letters of every script stay (in composed form). The name never starts with a dot or a dash, is never empty, never a
-    name such as `..`, and has at most `MAX_STEM` characters.
+    name such as `..`, and has at most `MAX_NAME_BYTES` bytes.
     """
     text = unicodedata.normalize("NFC", text)
-    text = re.sub(r"[^\w.+-]+", "_", text)
-    text = re.sub(r"\.{2,}", "_", text)
-    return text.lstrip(".-")[:MAX_STEM].rstrip(".") or "clip"
+    kept = "".join(letter if unicodedata.category(letter)[0] in "LMN" or letter in "_-+." else "\0" for letter in text)
+    kept = re.sub(r"\.{2,}|\0+", "_", kept).lstrip(".-")
+    return kept.encode()[:MAX_NAME_BYTES].decode(errors="ignore").rstrip(".") or "clip"
 
 
 def _why_ignored(file: Path) -> str:

@@ -1,9 +1,8 @@
-"""A video split into shots while it is read, its repeated pictures marked, and the times its pictures were taken.
+"""A video split into shots while it is read, with the frames of transitions and repeated pictures marked.
 
 Vocabulary: a SHOT is one uninterrupted run of a camera. A BREAK at frame t lies between t - 1 and t: a hard cut. A
 frame in a TRANSITION (cross-fade, wipe, fade through black, or a picture of at most eight frames between two breaks)
-belongs to no shot. A REPEAT shows the same picture as the frame before, as converted frame rates do: 25 pictures a
-second shown as 30 repeat every sixth frame.
+belongs to no shot.
 
 Not seen as a break: a jump of a camera that does not move at all, where only the players change place.
 """
@@ -14,9 +13,12 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Float32, UInt8
+from jaxtyping import Float32
 
+from pgm_data.repeats import RepeatOptions, capture_times, is_repeat, local_change
 from pgm_data.video import DecodedFrame
+
+__all__ = ["MarkedFrame", "RepeatOptions", "ShotOptions", "capture_times", "split_shots", "transition_inside"]
 
 SMALL_AREA = 5000
 """Pixels of the small picture that shots are judged by."""
@@ -26,21 +28,11 @@ CELL = 6
 """Side of the cells that changes are counted in, pixels of the small picture."""
 CELL_LEVELS = 6.0
 """Mean difference that makes a cell count as changed, grey levels."""
-REPEAT_FLOOR = 4.0
-"""Added to changes before they are compared as ratios, grey levels."""
-LARGE_CHANGE = 128.0
-"""Local change beyond which more does not matter, grey levels."""
-STRIP_ROWS = 32
-"""Rows of a picture compared at a time."""
-EVIDENT_REPEATS = 3
-"""Repeats that a stretch needs before its even spacing counts as a converted frame rate."""
-SPACING_SLACK = 1.35
-"""How far first showings may scatter about even spacing, frames shown: 1 is exact rounding to the display's grid."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ShotOptions:
-    """When a change of picture is a cut, a fade, a wipe or none: a change is 0 for equal and 1 for unrelated pictures."""
+    """When a change is a cut, a fade, a wipe or none. Changes are 0 for equal and about 1 for unrelated pictures."""
 
     look_ahead: int = 16
     """Frames read before a frame's verdict is given, at least 16; that many pictures are held in memory."""
@@ -52,7 +44,7 @@ class ShotOptions:
     """A cut's change over the second largest change within six frames to both sides: pans and zooms stay near 1."""
     sure_change: float = 0.45
     """Change that is a cut whatever its neighbours do."""
-    flash_return: float = 0.3
+    flash_return: float = 0.5
     """No cut where a picture from before comes back within six frames, to this share of the change."""
     shortest_shot: int = 8
     """Breaks at most this many frames apart enclose a transition, frames."""
@@ -60,16 +52,12 @@ class ShotOptions:
     """Smallest change over the 8 or 16 frames that a fade or a wipe is looked for in."""
     fade_residual: float = 0.1
     """Largest share of a fade's change that is not a straight mix of its first and last picture (mean over frames)."""
-    wipe_residual: float = 0.08
-    """Largest distance of a wipe's pixels from both end pictures, share of the distance between the two."""
+    wipe_step: float = 0.62
+    """Smallest share of all its change that a cell makes within two frames of a wipe (mean over changed cells)."""
     unexplained: float = 0.82
     """Smallest share of a transition's change that no motion of the camera explains."""
-    repeat_level: float = 40.0
-    """Largest local change of a repeat, grey levels: what a codec adds on coding a picture again."""
-    repeat_gap: float = 2.2
-    """Ratio in local change that must part repeats from the frames around them."""
-    repeat_run: int = 4
-    """Most repeats of one picture; a longer quiet stretch is a still or a calm scene, and counts as no repeat."""
+    repeats: RepeatOptions = RepeatOptions()
+    """When a frame repeats the one before."""
 
     def __post_init__(self) -> None:
         """Check the one value that the method relies on."""
@@ -103,38 +91,6 @@ def split_shots(frames: Iterable[DecodedFrame], options: ShotOptions | None = No
     yield from splitter.rest()
 
 
-def capture_times(
-    timestamps: Float[np.ndarray, " frames"], is_duplicate: Bool[np.ndarray, " frames"]
-) -> Float[np.ndarray, " frames"]:
-    """When each picture of a shot was taken, seconds on the clock of the presentation times, never going back.
-
-    Where repeats come so evenly that one spacing in time explains which pictures were shown twice, the frame rate was
-    converted, and the distinct pictures get that even spacing. Elsewhere (no repeats, or only stray ones; a variable
-    frame rate) a picture was taken when it is shown. A repeat always carries its source's time.
-
-    Raises:
-        ValueError: If the presentation times are not finite or go back.
-    """
-    if not np.isfinite(timestamps).all() or (np.diff(timestamps) < 0).any():
-        raise ValueError("timestamps: expected finite times that do not go back")
-    if len(timestamps) < 2:
-        return timestamps.astype(np.float64)
-    is_source = ~is_duplicate
-    is_source[0] = True
-    shown = timestamps[is_source].astype(np.float64)
-    shown_frame = np.flatnonzero(is_source)
-    slack = SPACING_SLACK * float(np.median(np.diff(timestamps)))
-    taken = shown.copy()
-    begin = 0
-    while begin < len(shown):
-        end = _even_stretch(shown[begin:], slack) + begin
-        repeats = shown_frame[end - 1] - shown_frame[begin] - (end - 1 - begin)
-        if repeats >= EVIDENT_REPEATS:
-            taken[begin:end] = _even(shown[begin:end])
-        begin = end
-    return np.maximum.accumulate(taken)[np.cumsum(is_source) - 1]
-
-
 def change_between(a: Float32[np.ndarray, "height width"], b: Float32[np.ndarray, "height width"]) -> float:
     """How unlike two small pictures are: 0 for equal, about 1 for unrelated ones, whatever their mean brightness."""
     a, b = a - a.mean(), b - b.mean()
@@ -142,37 +98,22 @@ def change_between(a: Float32[np.ndarray, "height width"], b: Float32[np.ndarray
     return float(np.vdot(a - b, a - b)) / (float(np.vdot(a, a) + np.vdot(b, b)) + noise)
 
 
+def _cells(difference: Float32[np.ndarray, "height width"]) -> Float32[np.ndarray, "rows columns"]:
+    """Means over square cells of a small picture."""
+    rows, columns = max(1, difference.shape[0] // CELL), max(1, difference.shape[1] // CELL)
+    return cv2.resize(difference, (columns, rows), interpolation=cv2.INTER_AREA)
+
+
 def changed_share(a: Float32[np.ndarray, "height width"], b: Float32[np.ndarray, "height width"]) -> float:
     """Share of the cells of two small pictures that differ."""
-    rows, columns = max(1, a.shape[0] // CELL), max(1, a.shape[1] // CELL)
-    cells = cv2.resize(np.abs(a - b), (columns, rows), interpolation=cv2.INTER_AREA)
-    return float((cells > CELL_LEVELS).mean())
-
-
-def local_change(luma: UInt8[np.ndarray, "height width"], previous: UInt8[np.ndarray, "height width"]) -> float:
-    """The largest change that a square of 2 x 2 pixels shares, grey levels, at most `LARGE_CHANGE`.
-
-    It sees a ball move and passes over lone pixels.
-    """
-    if luma.shape != previous.shape:
-        raise ValueError(f"luma: expected the size of the frame before, {previous.shape}, got {luma.shape}")
-    square = np.ones((2, 2), np.uint8)
-    largest = 0.0
-    # In strips that stay in the processor's cache; each overlaps the next by the height of the square less one.
-    for top in range(0, luma.shape[0], STRIP_ROWS):
-        rows = slice(max(top - 1, 0), top + STRIP_ROWS)
-        shared = cv2.erode(cv2.absdiff(luma[rows], previous[rows]), square)
-        largest = max(largest, float(cv2.minMaxLoc(shared)[1]))
-        if largest >= LARGE_CHANGE:
-            return LARGE_CHANGE
-    return largest
+    return float((_cells(np.abs(a - b)) > CELL_LEVELS).mean())
 
 
 def transition_inside(pictures: Float32[np.ndarray, "frames height width"], options: ShotOptions) -> tuple[int, int]:
     """First frame and end (excluded) of a cross-fade or wipe among the frames; an empty range if there is none.
 
-    In a cross-fade every picture is a straight mix of the first and the last; in a wipe every pixel is either the
-    first's or the last's. A moving camera does neither, and its small steps are explained by the picture's gradients.
+    In a cross-fade every picture is a straight mix of the first and the last; in a wipe every part of the picture
+    changes once and at once. A moving camera does neither, and its small steps are explained by the gradients.
     """
     first, last = pictures[0], pictures[-1]
     nothing = (0, 0)
@@ -190,39 +131,25 @@ def transition_inside(pictures: Float32[np.ndarray, "frames height width"], opti
         return nothing
     rest = flat - flat[0] - done[:, None] * whole
     is_fade = float((rest**2).sum(axis=1).mean()) <= options.fade_residual * energy
-    if not is_fade:
-        differs = np.abs(whole) > 20
-        nearer = np.minimum(np.abs(flat - flat[0]), np.abs(flat - flat[-1]))[1:-1, differs] / np.abs(whole[differs])
-        if differs.mean() < 0.1 or float(nearer.mean()) > options.wipe_residual:
-            return nothing
+    if not is_fade and _steepness(pictures) < options.wipe_step:
+        return nothing
     if _unexplained_by_motion(0.5 * (first + last), whole, energy) < options.unexplained:
         return nothing
-    large = np.flatnonzero(steps > 0.35 * steps.max())
+    large = np.flatnonzero(steps > 0.5 * steps.max())
     return int(large[0]) + 1, int(large[-1]) + 1
 
 
-def is_repeat(changes: Float[np.ndarray, " frames"], at: int, options: ShotOptions) -> bool:
-    """Whether frame `at` repeats the frame before it, by the local changes of the frames around it (one shot only).
-
-    The changes must fall into two groups far apart, the frame's in the lower one and low enough for the noise of a
-    codec, with at most `repeat_run` frames of the lower group in a row: a scene where little moves has no such gap.
-    """
-    ordered = np.sort(changes)
-    gaps = np.diff(np.log(ordered + REPEAT_FLOOR))
-    gaps[ordered[:-1] > options.repeat_level] = 0.0
-    if len(gaps) < 2:
-        return False
-    highest_low = int(gaps.argmax())
-    if gaps[highest_low] < np.log(options.repeat_gap) or len(ordered) - highest_low - 1 < 2:
-        return False
-    low = changes <= ordered[highest_low]
-    if not low[at]:
-        return False
-    breaks = np.flatnonzero(~low)
-    after = breaks[breaks > at]
-    before = breaks[breaks < at]
-    run = (int(after[0]) if len(after) else len(low)) - (int(before[-1]) if len(before) else -1) - 1
-    return run <= options.repeat_run
+def _steepness(pictures: Float32[np.ndarray, "frames height width"]) -> float:
+    """How far cells change at once: their largest change within two frames over all they change, mean, 0 to 1."""
+    cells = np.stack([_cells(picture) for picture in pictures]).reshape(len(pictures), -1)
+    total = np.abs(cells[-1] - cells[0])
+    changed = total > CELL_LEVELS
+    if not changed.any():
+        return 0.0
+    cells, total = cells[:, changed], total[changed]
+    at_once = np.abs(cells[2:] - cells[:-2]).max(axis=0)
+    path = np.abs(np.diff(cells, axis=0)).sum(axis=0)
+    return float((np.minimum(at_once, total) / np.maximum(path, total)).mean())
 
 
 def _unexplained_by_motion(
@@ -238,29 +165,6 @@ def _unexplained_by_motion(
     gram = moves @ moves.T
     size = np.linalg.solve(gram + (1e-6 * np.trace(gram) + 1e-6) * np.eye(6, dtype=np.float32), moves @ whole)
     return float(((whole - size @ moves) ** 2).sum()) / energy
-
-
-def _even(times: Float[np.ndarray, " pictures"]) -> Float[np.ndarray, " pictures"]:
-    """The evenly spaced times nearest to the given ones, by least squares."""
-    number = np.arange(len(times)) - (len(times) - 1) / 2
-    spacing = float(number @ times) / max(float(number @ number), 1.0)
-    return times.mean() + spacing * number
-
-
-def _even_stretch(times: Float[np.ndarray, " pictures"], slack: float) -> int:
-    """How many of the first times lie within the slack about even spacing: the longest such beginning, at least 1."""
-
-    def fits(count: int) -> bool:
-        return float(np.ptp(times[:count] - _even(times[:count]))) <= slack
-
-    good, step = 1, 1
-    while good + step <= len(times) and fits(good + step):
-        good, step = good + step, 2 * step
-    while step:
-        if good + step <= len(times) and fits(good + step):
-            good += step
-        step //= 2
-    return good
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -415,4 +319,4 @@ class _Splitter:
         if begin > at:
             return False
         changes = np.array([self._measured[frame].local for frame in range(begin, end + 1)])
-        return is_repeat(changes, at - begin, self._options)
+        return is_repeat(changes, at - begin, self._options.repeats)

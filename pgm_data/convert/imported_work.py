@@ -167,7 +167,7 @@ def _known_clip(
     status[frames] = [clip.status[i] for i in frames]
     # A camera for a frame that had none is the other program's own measurement.
     status[frames[status[frames] == "none"]] = "measured"
-    reason = np.array([*clip.reason, None], dtype=object)[:-1]
+    reason = np.array(clip.reason, dtype=object)
     reason[status == "measured"] = ""
     none = status == "none"
     reason[none] = [words or NOT_IN_FILE for words in reason[none]]
@@ -224,10 +224,7 @@ def _foreign_clip(
         status=("measured",) * len(rows),
         reason=("",) * len(rows),
     )
-    status, reason = (
-        np.array(["measured", *clip.status], dtype=object)[1:],
-        np.array(["", *clip.reason], dtype=object)[1:],
-    )
+    status, reason = np.array(clip.status, dtype=object), np.array(clip.reason, dtype=object)
     track = _track(document["clip_id"], clip, status, reason, frames, pictures, rows)
     return _Clip(document=document | _own_words(track, scene, source), track=track)
 

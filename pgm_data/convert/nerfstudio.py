@@ -7,6 +7,7 @@ Source: docs.nerf.studio, data conventions.
 """
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -133,9 +134,9 @@ def _content(path: Path) -> dict[str, Any]:
 
 
 def _number(field: str, value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-        raise FieldError(field, "a finite number", "nothing" if value is None else repr(value)[:60])
-    return float(value)
+    if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max:
+        return float(value)
+    raise FieldError(field, "a finite number", "nothing" if value is None else repr(value)[:60])
 
 
 def _matrix(field: str, value: object) -> Float[np.ndarray, "4 4"]:

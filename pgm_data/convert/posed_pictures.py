@@ -12,7 +12,6 @@ from jaxtyping import Float, Int
 
 from pgm_data.geometry.arrays import frozen
 from pgm_data.geometry.camera import Camera
-from pgm_data.geometry.rigid import is_rotation
 
 ROUNDED_ROTATION = 1e-3
 """A matrix this near to a rotation is one that was rounded when written."""
@@ -131,19 +130,16 @@ def picture_name(field: str, raw: object) -> str:
     return "/".join(parts)
 
 
-def picture_size(field: str, width: object, height: object) -> tuple[int, int]:
+def picture_size(field: str, width: float, height: float) -> tuple[int, int]:
     """Width and height.
 
     Raises:
         FieldError: If they are not whole numbers of a picture's size.
     """
-    sides = []
     for side in (width, height):
-        whole = isinstance(side, int | float) and not isinstance(side, bool) and side == side and side == np.floor(side)
-        if not whole or not 1 <= side <= LARGEST_SIDE:
-            raise FieldError(field, f"a width and height from 1 to {LARGEST_SIDE}", f"{width} x {height}")
-        sides.append(int(side))
-    return sides[0], sides[1]
+        if not (1 <= side <= LARGEST_SIDE and side == int(side)):
+            raise FieldError(field, f"a whole width and height from 1 to {LARGEST_SIDE}", f"{width} x {height}")
+    return int(width), int(height)
 
 
 def pinhole(fx: float, fy: float, cx: float, cy: float) -> Float[np.ndarray, "3 3"]:
@@ -167,10 +163,11 @@ def nearest_rotation(field: str, matrix: Float[np.ndarray, "3 3"]) -> Float[np.n
     """
     if not np.isfinite(matrix).all():
         raise FieldError(field, "finite numbers", "NaN or infinity")
-    if is_rotation(matrix, atol=1e-9):
+    gram_error = float(np.abs(matrix @ matrix.T - np.eye(3)).max())
+    determinant = float(np.linalg.det(matrix))
+    if not gram_error <= ROUNDED_ROTATION or determinant < 0:
+        raise FieldError(field, "a rotation", f"a matrix of determinant {determinant:.6g} that is none")
+    if gram_error <= 1e-9:
         return matrix
-    if not is_rotation(matrix, atol=ROUNDED_ROTATION):
-        det = np.linalg.det(matrix)
-        raise FieldError(field, "a rotation", f"a matrix of determinant {det:.6g} that is none")
     left, _, right = np.linalg.svd(matrix)
     return left @ right

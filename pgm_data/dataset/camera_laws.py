@@ -41,7 +41,7 @@ def camera_faults(columns: Columns, context: Context) -> Iterator[Fault]:
             gap = present & ~np.isfinite(columns[name]).all(axis=1)
             yield from rows_fault(name, gap, "numbers, since camera.status is not none", columns[name])
     if "camera.reason" in columns:
-        silent = (status != "measured") & (columns["camera.reason"] == "")
+        silent = ((status == "interpolated") | ~present) & (columns["camera.reason"] == "")
         yield from rows_fault("camera.reason", silent, "why camera.status is not measured", columns["camera.reason"])
     if context.quality in OURS:
         yield from _support_faults(columns, status)

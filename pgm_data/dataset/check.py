@@ -7,12 +7,12 @@ too large to be one of ours is not read.
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from pgm_data.dataset.columns import TABLES, table_names
 from pgm_data.dataset.document_check import law_faults
@@ -20,6 +20,7 @@ from pgm_data.dataset.document_schemas import document_kinds
 from pgm_data.dataset.documents import YAML_SUFFIXES, Fault, document_faults, parse_document
 from pgm_data.dataset.laws import Context, as_text, declared_keys
 from pgm_data.dataset.table_check import table_faults
+from pgm_data.dataset.tables import open_table
 from pgm_data.scene import Scene, load_scene
 
 STATE_FOLDER = ".pgm"
@@ -158,13 +159,14 @@ def _holds(path: Path, name: str) -> bool:
 def _scene_in_metadata(path: Path) -> Scene | None:
     """The shipped scene that a parquet file names."""
     try:
-        with pq.ParquetFile(path) as file:
+        with open_table(path) as file:
             name = (file.schema_arrow.metadata or {}).get(b"pgm.scene", b"").decode(errors="replace")
     except (pa.ArrowException, OSError, ValueError):
         return None
     return _shipped_scene(name)
 
 
+@cache
 def _shipped_scene(name: str) -> Scene | None:
     try:
         # A path would be a file of the reader's machine, chosen by whoever wrote the document.

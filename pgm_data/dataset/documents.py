@@ -81,7 +81,7 @@ def parse_document(path: Path) -> Any:
     """
     try:
         if not path.is_file():
-            raise ValueError("a folder" if path.is_dir() else "nothing there")
+            raise ValueError("a folder" if path.is_dir() else "no regular file" if path.exists() else "nothing there")
         if path.stat().st_size > LARGEST_DOCUMENT:
             raise ValueError(f"{path.stat().st_size} bytes, more than {LARGEST_DOCUMENT}")
         content = path.read_text(encoding="utf-8")

@@ -92,8 +92,6 @@ def read_table(path: Path) -> dict[str, np.ndarray]:
     Raises:
         ValueError: If the file is not parquet, or holds a column that no table of the contract could hold.
     """
-    if not path.is_file():
-        raise ValueError(f"{path}: expected a parquet file, got {'a folder' if path.is_dir() else 'nothing there'}")
     try:
         with open_table(path) as file:
             content = file.read()
@@ -108,6 +106,8 @@ def open_table(path: Path) -> pq.ParquetFile:
     Raises:
         pyarrow.ArrowException, OSError, ValueError: If it is no parquet file.
     """
+    if not path.is_file():  # opening a pipe would wait for ever
+        raise ValueError("a folder" if path.is_dir() else "no regular file" if path.exists() else "nothing there")
     schema = pq.read_schema(path)
     return pq.ParquetFile(path, read_dictionary=[f.name for f in schema if pa.types.is_string(f.type)])
 

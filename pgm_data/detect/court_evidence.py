@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from pgm_data.court import Court
 from pgm_data.detect.court_hypotheses import Frame, focal_and_skewness
@@ -109,7 +109,7 @@ class LineEvidence:
     def __init__(self, ridges: RidgePoints, frame: Frame) -> None:
         self.ridges, self.frame = ridges, frame
         self.T = frame.pixel_from_unit
-        self.tree = cKDTree(self._keys(ridges.xy, ridges.angle))
+        self.tree = KDTree(self._keys(ridges.xy, ridges.angle))
 
     def _keys(self, xy: np.ndarray, angle: np.ndarray) -> np.ndarray:
         turn = self._TURN / 2 * np.stack([np.cos(2 * angle), np.sin(2 * angle)], axis=-1)
@@ -117,14 +117,14 @@ class LineEvidence:
 
     def _seen(self, xy: np.ndarray) -> np.ndarray:
         edge = np.array([self.frame.width - 2.5, self.frame.height - 2.5])
-        return ((xy > 1.5) & (xy < edge)).all(axis=-1)
+        return np.asarray(((xy > 1.5) & (xy < edge)).all(axis=-1))
 
     def _distance(self, xy: np.ndarray, direction: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
         """Signed distance across the line to the nearest ridge, NaN where there is none, and the line's normal."""
         angle = np.arctan2(direction[:, 1], direction[:, 0])
         _, index = self.tree.query(self._keys(xy, angle), distance_upper_bound=1.5 * reach + 2.0)
         normal = np.stack([-np.sin(angle), np.cos(angle)], axis=1)
-        found = index < len(self.ridges.xy)
+        found = np.asarray(index) < len(self.ridges.xy)
         offset = np.where(found[:, None], self.ridges.xy[np.where(found, index, 0)] - xy, np.nan)
         across = (offset * normal).sum(axis=1)
         return np.where(np.abs(across) <= reach, across, np.nan), normal
@@ -165,7 +165,7 @@ class LineEvidence:
     def _overrun(self, H: np.ndarray, beyond: LineMarks, lines: int) -> np.ndarray:
         """Share of each line's marks past its ends that have a ridge of its direction under them."""
         xy, direction = projected(H, beyond)
-        seen = np.isfinite(xy).all(axis=1)
+        seen = np.array(np.isfinite(xy).all(axis=1))
         seen[seen] = self._seen(xy[seen])
         near = np.zeros(len(xy))
         if seen.any():
@@ -177,7 +177,7 @@ class LineEvidence:
         """How much of the court's lines has a ridge of their direction under it."""
         H = self.T @ H
         xy, direction = projected(H, marks)
-        seen = np.isfinite(xy).all(axis=1)
+        seen = np.array(np.isfinite(xy).all(axis=1))
         seen[seen] = self._seen(xy[seen])
         closeness, beside = np.zeros(len(xy)), np.zeros(len(xy))
         if seen.any():

@@ -46,7 +46,7 @@ class LineGuessOptions:
     """Most layings of the court onto picture lines scored."""
     skewness: float = 0.12
     """Most departure from square pixels that a hypothesis may show, as a share."""
-    refined: int = 24
+    refined: int = 16
     """Hypotheses fitted to the ridges."""
     guesses: int = 5
     """Most guesses returned."""
@@ -119,10 +119,12 @@ def _promising(H: np.ndarray, marks: LineMarks, ridges: RidgePoints, frame: Fram
     shape = (frame.height // 2 + 1, frame.width // 2 + 1)
     near = support_maps(half, shape, reach=1.5)
     T = np.diag([0.5, 0.5, 1.0]) @ frame.pixel_from_unit
-    scores = np.concatenate([_coarse_scores(T @ H[i : i + 4096], marks, near, 3) for i in range(0, len(H), 4096)])
-    best = np.argsort(-scores, kind="stable")[: 40 * count]
-    scores = _coarse_scores(T @ H[best], marks, near, 1)
-    order = best[np.argsort(-scores, kind="stable")]
+    order = np.arange(len(H))
+    # Most hypotheses are hopeless, which a few marks show.
+    for step, left in ((6, 200 * count), (2, 40 * count), (1, 40 * count)):
+        parts = [H[order[i : i + 4096]] for i in range(0, len(order), 4096)]
+        scores = np.concatenate([_coarse_scores(T @ part, marks, near, step) for part in parts])
+        order = order[np.argsort(-scores, kind="stable")[:left]]
     xy, _ = projected(T @ H[order], marks)
     chosen: list[int] = []
     for k in range(len(order)):

@@ -133,7 +133,7 @@ def _in_straight_chain(
     mask = np.zeros(shape, np.uint8)
     mask[rows, columns] = 1
     count, labels = cv2.connectedComponents(mask, connectivity=8)
-    label = labels[rows, columns]
+    label = labels[rows, columns].astype(np.int64)
     n = np.maximum(np.bincount(label, minlength=count), 1)
     mean = [np.bincount(label, xy[:, i], count) / n for i in (0, 1)]
     d = [xy[:, i] - mean[i][label] for i in (0, 1)]

@@ -64,8 +64,10 @@ class ClipFitOptions:
 
     crooked_px: float = 0.3
     """First guess of the lines' shifts and tilts, pixels."""
+    typical_crooked_px: float = 0.06
+    """What the estimate leans to where the data say little, pixels."""
     crooked_weight: float = 2.0
-    """How many coefficients' worth the first guess weighs in the estimate."""
+    """How many coefficients' worth that leaning weighs."""
     least_crooked_px: float = 0.01
     """Their estimate never falls below this, pixels."""
     cut: float = 4.0
@@ -79,7 +81,8 @@ class ClipFitOptions:
 
 
 def fit_clip(
-    camera: CourtCamera, sightings: Sightings, *, shared: tuple[int, ...], lines: int, options: ClipFitOptions
+    camera: CourtCamera, sightings: Sightings, *, shared: tuple[int, ...], lines: int, options: ClipFitOptions,
+    simpler: ClipFit | None = None,
 ) -> ClipFit:
     """One centre and lens for all frames, with each frame's own rotation and focal length.
 
@@ -92,6 +95,7 @@ def fit_clip(
         shared: Shared columns that may move: of centre, radial term, principal point.
         lines: Number of court lines.
         options: How.
+        simpler: A fit of the same sightings with fewer free columns, to start from.
     """
     frames = len(camera.focal_px)
     camera = replace(
@@ -103,6 +107,8 @@ def fit_clip(
     problem = _Problem(camera=camera, sightings=sightings, shared=shared, lines=lines, options=options)
     shifts = np.zeros(len(COURSE) * lines)
     crooked, noise, damping = options.crooked_px, 1.0, 1e-4
+    if simpler is not None:
+        shifts, crooked = simpler.shifts_px.copy(), simpler.crooked_px
     last, cost = np.inf, np.inf
     weak = options.crooked_weight
     information = np.eye(len(shared) + len(shifts))
@@ -124,8 +130,11 @@ def fit_clip(
         spread = np.linalg.inv(information)
         # Expectation-maximisation of the shifts' variance: what they are, and how unsure they are.
         k = len(shared)
-        each = (shifts**2 + np.diag(spread)[k:]) / spread_of**2
-        crooked = float(np.sqrt((each.sum() + weak * options.crooked_px**2) / (len(each) + weak)))
+        # (MacKay's fixed point: their sum of squares over the number of them that the data determine.)
+        determined = np.sum(1 - np.diag(spread)[k:] / (spread_of * crooked) ** 2)
+        squares = np.sum((shifts / spread_of) ** 2)
+        found = np.sqrt((squares + weak * options.typical_crooked_px**2) / (max(determined, 0.0) + weak))
+        crooked = float(np.clip(found, crooked / 3, crooked * 3))
         crooked = max(crooked, options.least_crooked_px)
         if abs(last - cost) < 0.05:
             break

@@ -74,7 +74,9 @@ def solve_shared(
         return ClipSolution(clip_fit=pinhole, lens_model="pinhole", evidence=text)
     text = f"radial term {value:.4f} gains {gain:.0f}, {lens.least_gain:.0f} wanted"
     if lens.try_principal:
-        moved = fit_clip(radial.fit.camera, sightings, shared=WITH_PRINCIPAL, lines=lines, options=fit_options)
+        moved = fit_clip(
+            radial.fit.camera, sightings, shared=WITH_PRINCIPAL, lines=lines, options=fit_options, simpler=radial
+        )
         gain = radial.evidence - moved.evidence
         shift = moved.fit.camera.principal_px[0] - camera.principal_px[0]
         told = f"principal point shifted by ({shift[0]:.0f}, {shift[1]:.0f}) px gains {gain:.0f}"

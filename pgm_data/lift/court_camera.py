@@ -57,6 +57,9 @@ class CourtCamera:
         distortion = np.zeros((*self.focal_px.shape, 4))
         distortion[..., 0] = self.radial * (self.focal_px / self.half_diagonal_px) ** 2
         t = -(self.R_cam_from_world @ self.position_world[..., None])[..., 0]
+        # A frame without a camera is NaN as a whole.
+        absent = np.isnan(self.focal_px)
+        K[absent], distortion[absent] = np.nan, np.nan
         return Camera(K=K, distortion=distortion, R_cam_from_world=self.R_cam_from_world, t_cam_from_world=t)
 
 

@@ -8,6 +8,8 @@ from jaxtyping import Float, Int
 from pgm_data.court import Court
 from pgm_data.lift.court_camera import CourtCamera, project
 
+STRAP_WIDTH_M = 0.06
+"""Width of the net's posts and of its centre strap, metres."""
 SUPPORT = 161
 """Points per line at which the image of a line is first looked at, before samples are spread evenly in pixels."""
 
@@ -128,7 +130,7 @@ def _distance(points: np.ndarray, a: np.ndarray, b: np.ndarray, overhang: float 
 
 
 def _on_net_tape(camera: CourtCamera, court: Court, pixels: np.ndarray) -> np.ndarray:
-    """Which pixels lie on or beside the white band along the net's top, where it could pass for a line."""
+    """Which pixels lie on or beside the net's white band, its posts or its strap, which could pass for lines."""
     top = court.net_world
     if len(top) < 2:
         return np.zeros(pixels.shape[:-1], bool)
@@ -136,7 +138,12 @@ def _on_net_tape(camera: CourtCamera, court: Court, pixels: np.ndarray) -> np.nd
     middle = top - [0, 0, court.tape_width / 2]
     band = np.concatenate([a + share[:, None] * (b - a) for a, b in zip(middle[:-1], middle[1:], strict=True)])
     half = np.array([0, 0, court.tape_width / 2])
-    seen = project(camera, np.concatenate([band, band + half]))
-    centre, upper = np.split(seen, 2)
+    foot = top * [1, 1, 0]
+    seen = project(camera, np.concatenate([band, band + half, top, foot, foot + [STRAP_WIDTH_M / 2, 0, 0]]))
+    centre, upper = seen[: len(band)], seen[len(band) : 2 * len(band)]
+    head, base, side = seen[2 * len(band) :].reshape(3, -1, 2)
     reach = np.nanmax(np.linalg.norm(upper - centre, axis=1), initial=0.0) + 3.0
-    return (_distance(pixels, centre[:-1], centre[1:]) < reach).any(axis=1)
+    strap = np.nan_to_num(np.linalg.norm(side - base, axis=1)) + 3.0
+    tape = (_distance(pixels, centre[:-1], centre[1:]) < reach).any(axis=1)
+    # Posts and the strap that holds the net's centre down stand in front of lines as well.
+    return tape | (_distance(pixels, base, head) < strap).any(axis=1)

@@ -58,7 +58,9 @@ class ClipOptions:
                 raise ValueError(f"ClipOptions.{name}: expected {low} to {high}, got {value}")
         for name, allowed in (("motion", ("any", "still", "drift", "follow")), ("quality", ("draft", "full"))):
             if getattr(self, name) not in allowed:
-                raise ValueError(f"ClipOptions.{name}: expected one of {', '.join(allowed)}, got {getattr(self, name)!r}")
+                raise ValueError(
+                    f"ClipOptions.{name}: expected one of {', '.join(allowed)}, got {getattr(self, name)!r}"
+                )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -169,7 +171,7 @@ def _taken(options: ClipOptions) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _close_spans(rng: np.random.Generator, options: ClipOptions) -> np.ndarray:
-    """Which frames belong to shots without the court: 1.5 to 5 s long, 8 to 25 s apart; the clip begins with the court."""
+    """Which frames belong to shots without the court: 1.5 to 5 s long, 8 to 25 s apart; first comes the court."""
     close = np.zeros(options.frames, bool)
     if not options.closeups:
         return close

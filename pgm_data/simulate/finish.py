@@ -101,7 +101,8 @@ def draw_overlay(rng: np.random.Generator, width: int, height: int, *, hard: boo
     def write(word: str, x: float, y: float, scale: float, ink: list[float], thick: int = 1, opaque: int = 255) -> None:
         font = int(rng.choice(FONTS[:4]))
         for target, value in ((paint, ink), (mask, opaque)):
-            cv2.putText(target, word, (int(x), int(y)), font, scale * unit, value, max(1, int(thick * unit)), cv2.LINE_AA)
+            at, wide = (int(x), int(y)), max(1, int(thick * unit))
+            cv2.putText(target, word, at, font, scale * unit, value, wide, cv2.LINE_AA)
 
     def board(x: float, y: float) -> None:
         rows, tall, wide = int(rng.integers(1, 3)), rng.uniform(10, 18) * unit, rng.uniform(70, 150) * unit
@@ -130,7 +131,10 @@ def draw_overlay(rng: np.random.Generator, width: int, height: int, *, hard: boo
 
 
 def finished(
-    picture: Float[np.ndarray, "height width 3"], finish: Finish, grain: Float[np.ndarray, "tall wide 3"], shift: tuple[int, int]
+    picture: Float[np.ndarray, "height width 3"],
+    finish: Finish,
+    grain: Float[np.ndarray, "tall wide 3"],
+    shift: tuple[int, int],
 ) -> UInt8[np.ndarray, "height width 3"]:
     """The picture with its flaws; `grain` is larger than the picture by 64 and read from `shift` (down, right)."""
     height, width = picture.shape[:2]
@@ -142,7 +146,8 @@ def finished(
     if finish.smear_px > 0:
         picture = cv2.blur(picture, (finish.smear_px, 1))
     if finish.shrink > 1.0:
-        small = cv2.resize(picture, (int(width / finish.shrink), int(height / finish.shrink)), interpolation=cv2.INTER_AREA)
+        less = (int(width / finish.shrink), int(height / finish.shrink))
+        small = cv2.resize(picture, less, interpolation=cv2.INTER_AREA)
         picture = cv2.resize(small, (width, height), interpolation=cv2.INTER_LINEAR)
     if finish.noise > 0:
         tile = grain[shift[0] : shift[0] + height, shift[1] : shift[1] + width]
@@ -164,9 +169,15 @@ def finished(
         image[:down], image[-down:] = 0, 0
     if across:
         image[:, :across], image[:, -across:] = 0, 0
-    if finish.jpeg:
-        image = cv2.imdecode(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, finish.jpeg])[1], cv2.IMREAD_COLOR)
-    return image
+    return _compressed(image, finish.jpeg) if finish.jpeg else image
+
+
+def _compressed(image: np.ndarray, quality: int) -> np.ndarray:
+    """The picture after a JPEG file of this quality."""
+    decoded = cv2.imdecode(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], cv2.IMREAD_COLOR)
+    if decoded is None:
+        raise RuntimeError("JPEG: expected OpenCV to read the picture that it wrote")
+    return decoded
 
 
 def _bytes(picture: np.ndarray) -> np.ndarray:

@@ -9,13 +9,15 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from pgm_data.scene import Scene, load_scene, scene_names
+from pgm_data.simulate.bystanders import muted
 from pgm_data.simulate.finish import draw_finish, draw_overlay, finished
+from pgm_data.simulate.foreign import foreign_lines
 from pgm_data.simulate.people import Cast, by_distance, draw_cast, placed
 from pgm_data.simulate.picture import Canvas, draw_over, draw_picture
 from pgm_data.simulate.shapes import polygons
 from pgm_data.simulate.textures import Textures, draw_textures
 from pgm_data.simulate.views import any_view, framed_pose
-from pgm_data.simulate.world import draw_world, foreign_lines, muted
+from pgm_data.simulate.world import draw_world
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -60,9 +62,8 @@ def draw_negative(
         raise ValueError(
             f"draw_negative.props: expected buffers of {width}x{height}, got {props.canvas.width}x{props.canvas.height}"
         )
-    kind = rng.choice(["crowd", "close-up", "other", "clutter", "graphics", "bare"], p=[0.15, 0.3, 0.2, 0.12, 0.1, 0.13])
-    draw = {"crowd": _crowd, "close-up": draw_close_up, "other": _other, "clutter": _clutter, "graphics": _graphics, "bare": _bare}
-    picture = draw[str(kind)](rng, props)
+    kinds = (_crowd, draw_close_up, _other, _clutter, _graphics, _bare)
+    picture = kinds[int(rng.choice(6, p=[0.15, 0.3, 0.2, 0.12, 0.1, 0.13]))](rng, props)
     finish = draw_finish(rng, width, height, hard=True)
     grain = props.textures.grain[finish.noise_kind]
     return finished(picture, finish, grain, (int(rng.integers(0, 64)), int(rng.integers(0, 64))))
@@ -77,7 +78,8 @@ def _enlarged(rng, texture: np.ndarray, width: int, height: int) -> np.ndarray:
     wide, tall = min(int(width / zoom), texture.shape[1] - 1), min(int(height / zoom), texture.shape[0] - 1)
     wide, tall = max(wide, 16), max(tall, 9)
     x, y = int(rng.integers(0, texture.shape[1] - wide)), int(rng.integers(0, texture.shape[0] - tall))
-    return cv2.resize(texture[y : y + tall, x : x + wide], (width, height), interpolation=cv2.INTER_AREA).astype(np.float32)
+    part = texture[y : y + tall, x : x + wide]
+    return cv2.resize(part, (width, height), interpolation=cv2.INTER_AREA).astype(np.float32)
 
 
 def _crowd(rng, props: Props) -> np.ndarray:
@@ -109,7 +111,8 @@ def _clutter(rng, props: Props) -> np.ndarray:
         if rng.random() < 0.5:
             ends[1] = ends[0] + rng.integers(-90, 90, 2)
         colour = np.full(3, rng.uniform(170, 255)) if rng.random() < 0.6 else muted(rng)
-        cv2.line(base, tuple(int(v) for v in ends[0]), tuple(int(v) for v in ends[1]), colour.tolist(), int(rng.integers(1, 4)), cv2.LINE_AA)
+        start, end = ends.tolist()
+        cv2.line(base, start, end, colour.tolist(), int(rng.integers(1, 4)), cv2.LINE_AA)
     return base.astype(np.float32)
 
 

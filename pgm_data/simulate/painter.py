@@ -1,11 +1,10 @@
 """Paints flat polygons of the world into a picture with exact area coverage.
 
-A polygon is clipped in front of the camera, its edges are cut into short pieces, bent by the lens and summed as signed
-areas: a pixel's weight is the share of its square (centre at the integer) that the polygon covers. Nothing is resampled, so
-the middle of a painted line lies where the camera puts it, up to the pieces' length.
+A polygon is clipped in front of the camera, its edges are cut into short pieces, bent by the lens and summed as
+signed areas: a pixel's weight is the share of its square (centre at the integer) that the polygon covers. Nothing is
+resampled, so the middle of a painted line lies where the camera puts it, up to the pieces' length.
 """
 
-import inspect
 import math
 
 import numba
@@ -17,9 +16,7 @@ MAX_CORNERS = 96
 FINE = 3
 
 
-def _kernel(function):
-    # Tests wrap every function in a type checker, which the compiler cannot read: compile what is inside.
-    return numba.njit(cache=True, nogil=True, error_model="numpy")(inspect.unwrap(function))
+_kernel = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 
 @_kernel
@@ -44,9 +41,20 @@ def _add_edge(cover, x0, y0, x1, y1):
         xb = x0 + slope * (bottom - y0)
         if xa > xb:
             xa, xb = xb, xa
-        xa = min(max(xa, 0.0), width)
-        xb = min(max(xb, 0.0), width)
         weight = sign * (bottom - top)
+        if xb <= 0.0:
+            cover[row, 0] += weight
+            continue
+        if xa >= width:
+            continue
+        if xa < 0.0:  # the part left of the picture acts on its first column in full
+            outside = xa / (xa - xb)
+            cover[row, 0] += weight * outside
+            weight *= 1.0 - outside
+            xa = 0.0
+        if xb > width:
+            weight *= (width - xa) / (xb - xa)
+            xb = width
         column = int(xa)
         stop = int(math.ceil(xb))
         span = xb - xa
@@ -144,8 +152,8 @@ def _clear(cover, box):
 def paint_flat(image, cover, polygons, starts, colours, alphas, view, limits, keep):
     """Paints polygons in order: image (H, W, 3) float32 changes in place.
 
-    `polygons` holds all corners (N, 3) in world metres, `starts` (P + 1) where each begins; `keep` (H, W) multiplies every weight,
-    or is empty; `cover` (H, W + 2) float32 is zero before and after.
+    `polygons` holds all corners (N, 3) in world metres, `starts` (P + 1) where each begins; `keep` (H, W) multiplies
+    every weight, or is empty; `cover` (H, W + 2) float32 is zero before and after.
     """
     first = np.empty((MAX_CORNERS + 12, 3))
     second = np.empty((MAX_CORNERS + 12, 3))
@@ -172,11 +180,11 @@ def paint_flat(image, cover, polygons, starts, colours, alphas, view, limits, ke
 
 @_kernel
 def paint_fine(image, layer, cover, polygons, starts, colour, alphas, view, limits, keep):
-    """Paints polygons of one colour that do not overlap, with a tent two pixels wide in place of the pixel's square, in place.
+    """Paints polygons of one colour that do not overlap, in place, with a tent two pixels wide for the pixel's square.
 
-    A square pixel moves the centroid of a line thinner than itself towards the pixel's centre, by up to 0.3 px; a tent does not.
-    The tent is the square pixel averaged over FINE x FINE shifts. `cover` (FINE H + 2 FINE, FINE W + 2 FINE + 2) and `layer` (H, W) are
-    zero before and after; `view` is the plain view of the picture.
+    A square pixel moves the centroid of a line thinner than itself towards the pixel's centre, by up to 0.3 px; a tent
+    does not. The tent is the square pixel averaged over FINE x FINE shifts. `cover` (FINE H + 2 FINE, FINE W + 2 FINE
+    + 2) and `layer` (H, W) are zero before and after; `view` is the plain view of the picture.
     """
     first = np.empty((MAX_CORNERS + 12, 3))
     second = np.empty((MAX_CORNERS + 12, 3))
@@ -226,9 +234,9 @@ def paint_fine(image, layer, cover, polygons, starts, colour, alphas, view, limi
 def paint_texture(image, cover, polygon, view, limits, straight, uv_from_ray, texture, base, gain, alpha, by_mask):
     """Paints one polygon with `base + gain * texture`, in place.
 
-    `uv_from_ray` (3, 3) takes the pinhole ray (x, y, 1), kept per pixel in `straight` (H, W, 2), to texture pixels; the texture, whose sides are
-    powers of two, repeats.
-    With `by_mask` the texture's first channel (0 to 255) is the weight and the colour is `base`.
+    `uv_from_ray` (3, 3) takes the pinhole ray (x, y, 1), kept per pixel in `straight` (H, W, 2), to texture pixels;
+    the texture, whose sides are powers of two, repeats. With `by_mask` its first channel (0 to 255) is the weight and
+    the colour is `base`.
     """
     first = np.empty((MAX_CORNERS + 12, 3))
     second = np.empty((MAX_CORNERS + 12, 3))
@@ -305,9 +313,10 @@ def _noise_at(noise, x, y):
 
 @_kernel
 def texture_ground(image, straight, ground_from_ray, look, noise, keep):
-    """Multiplies the painted ground by grain and stripes, in place, and fills `keep` with how much of the lines' paint is left.
+    """Multiplies the painted ground by grain and stripes, in place; `keep` becomes the share of the lines' paint left.
 
-    `look`: (grain, its cells per m, patches, their cells per m, stripes along the length and across it, their width m, wear of the lines).
+    `look`: (grain, its cells per m, patches, their cells per m, stripes along the length and across it, their width m,
+    wear of the lines).
     """
     grain, grain_scale, patch, patch_scale = look[0], look[1], look[2], look[3]
     lengthwise, crosswise, per_m, wear = look[4], look[5], 1.0 / look[6], look[7]

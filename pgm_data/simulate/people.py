@@ -126,9 +126,8 @@ def _chair(rng: np.random.Generator) -> Silhouette:
     bars = [((-0.6, 0), (-0.3, 1.9)), ((0.6, 0), (0.3, 1.9)), ((-0.2, 0), (-0.2, 1.9)), ((0.25, 0), (0.2, 1.9))]
     bars += [((-0.5, z), (0.5, z)) for z in np.arange(0.3, 1.9, 0.4)]
     bars += [((-0.35, 1.9), (-0.35, 2.7)), ((0.35, 1.9), (0.35, 2.7)), ((-0.35, 1.95), (0.35, 1.95))]
-    return _silhouette(
-        [(capsule(np.array(a) / 2.7, np.array(b) / 2.7, 0.017, 0.017), OWN, rng.uniform(0.7, 1), colour, 1.0) for a, b in bars]
-    )
+    ends = [(np.array(a) / 2.7, np.array(b) / 2.7) for a, b in bars]
+    return _silhouette([(capsule(a, b, 0.017, 0.017), OWN, rng.uniform(0.7, 1), colour, 1.0) for a, b in ends])
 
 
 def stands_facing(foot_world: np.ndarray, centre_world: np.ndarray) -> np.ndarray:

@@ -35,16 +35,15 @@ class Canvas:
             self._rays_of = lens
         x = np.linspace(-2.0, self.width + 1.0, 9)
         y = np.linspace(-2.0, self.height + 1.0, 9)
-        rim = np.concatenate(
-            [np.stack([x, np.full(9, v)], -1) for v in (y[0], y[-1])] + [np.stack([np.full(9, u), y], -1) for u in (x[0], x[-1])]
-        )
+        sides = [np.stack([x, np.full(9, v)], -1) for v in (y[0], y[-1])]
+        rim = np.concatenate([*sides, *(np.stack([np.full(9, u), y], -1) for u in (x[0], x[-1]))])
         rays = undistorted((rim - packed[2:4]) / packed[:2], view.k1)
         low, high = rays.min(axis=0), rays.max(axis=0)
         return packed, np.array([low[0], high[0], low[1], high[1]])
 
 
 def draw_picture(canvas: Canvas, world: World, view: View, noise: np.ndarray) -> Float[np.ndarray, "height width 3"]:
-    """BGR of the world seen by this camera, about 0 to 255; the canvas's own buffer, overwritten by the next picture."""
+    """BGR of the world seen by this camera, about 0 to 255, in a buffer that the next picture overwrites."""
     image, cover = canvas.image, canvas.cover
     seen, limits = canvas.aim(view)
     none = np.zeros((0, 0), np.float32)

@@ -7,10 +7,10 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
+from pgm_data.simulate.bystanders import muted
 from pgm_data.simulate.people import Cast, Silhouette, blob_shadow, placed
 from pgm_data.simulate.shapes import Polygons, polygons
 from pgm_data.simulate.views import Pose
-from pgm_data.simulate.world import muted
 
 Motion = Literal["any", "still", "drift", "follow"]
 POSE_S = 0.35
@@ -101,9 +101,7 @@ class Mover:
         return polygons(blob_shadow(self.foot(time), self.height_m, thrown, strength))
 
 
-def draw_movers(
-    rng: np.random.Generator, cast: Cast, half_x: float, half_y: float, floor_z: float
-) -> Sequence[Mover]:
+def draw_movers(rng: np.random.Generator, cast: Cast, half_x: float, half_y: float, floor_z: float) -> Sequence[Mover]:
     """One figure at the near end and one at the far end."""
     movers = []
     for end in (-1.0, 1.0):

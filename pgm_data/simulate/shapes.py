@@ -97,7 +97,10 @@ def line_rectangles(court: Court) -> tuple[tuple[int, np.ndarray], ...]:
         raise ValueError("court.lines: expected lines along x or along y, got an oblique one")
     lies_on_x = along[:, 0] > along[:, 1]
     boxes = np.array([_box(i, ends, widths, lies_on_x) for i in range(len(ends))])
-    drawn = [(i, rectangle(*boxes[i], ends[i, 0, 2])) for i in np.flatnonzero(lies_on_x)]
+    drawn: list[tuple[int, np.ndarray]] = []
+    for i in np.flatnonzero(lies_on_x):
+        x0, x1, y0, y1 = boxes[i]
+        drawn.append((int(i), rectangle(x0, x1, y0, y1, ends[i, 0, 2])))
     for i in np.flatnonzero(~lies_on_x):
         x0, x1, y0, y1 = boxes[i]
         cuts = sorted(
@@ -108,7 +111,7 @@ def line_rectangles(court: Court) -> tuple[tuple[int, np.ndarray], ...]:
             if start > low + 1e-9:
                 drawn.append((int(i), rectangle(x0, x1, low, start, ends[i, 0, 2])))
             low = max(low, stop)
-    return tuple((int(i), corners) for i, corners in drawn)
+    return tuple(drawn)
 
 
 def in_pieces(group: Polygons, longest_m: float) -> Polygons:
@@ -192,12 +195,13 @@ def net_polygons(court: Court, look: NetLook, floor_z: float) -> tuple[Polygons,
     band(0.0, None, look.mesh, look.mesh_alpha)
     if look.band:
         for i in range(len(x) - 1):
-            foot = [(x[i], y[i], low[i] + 0.05), (x[i + 1], y[i + 1], low[i + 1] + 0.05)]
+            foot = [(x[i], y[i], low[i] + thick), (x[i + 1], y[i + 1], low[i + 1] + thick)]
             shapes.append((np.array([*foot, (x[i + 1], y[i + 1], low[i + 1]), (x[i], y[i], low[i])]), look.tape, 0.5))
     net, shapes = polygons(shapes), []
     middle = int(np.argmin(np.abs(x)))
-    if look.strap and 0 < middle < len(x) - 1:
-        shapes.append((_upright(x[middle], y[middle], low[middle], z[middle] - court.tape_width, 0.025), look.tape, 0.95))
+    if look.strap and 0 < middle < len(x) - 1 and z[middle] < z.max() - 0.02:
+        strap = _upright(x[middle], y[middle], low[middle], z[middle] - court.tape_width, 0.025)
+        shapes.append((strap, look.tape, 0.95))
     band(0.0, court.tape_width, look.tape, 0.97)
     return net, polygons(shapes)
 

@@ -35,9 +35,9 @@ def lettering(
 ) -> Plane:
     """A mask as one patch about a point, its right along x and its up along `up_world` (a unit vector)."""
     rows, columns = mask.shape[:2]
-    width = height_m * columns / rows if width is None else width
-    right, up = np.array([0.5 * width, 0.0, 0.0]), 0.5 * height_m * up_world
-    corners = np.array([middle_world - right - up, middle_world + right - up, middle_world + right + up, middle_world - right + up])
+    wide = height_m * columns / rows if width is None else width
+    right, up = np.array([0.5 * wide, 0.0, 0.0]), 0.5 * height_m * up_world
+    corners = middle_world + np.array([-right - up, right - up, right + up, up - right])
     return Plane(
         corners=corners,
         origin=corners[3],
@@ -91,9 +91,8 @@ def draw_venue(
             foot = np.array([np.sign(away[0]) * (wall_x + gap), 0.0, floor_z + side_tall * rng.uniform(0.6, 1.0)])
             half = 2.2 * wall_y
         away = away / np.linalg.norm(away)
-        corners = np.array(
-            [foot - half * along, foot + half * along, foot + half * along + reach * away, foot - half * along + reach * away]
-        )
+        a, b, top = foot - half * along, foot + half * along, reach * away
+        corners = np.array([a, b, b + top, a + top])
         step = 1.0 / CROWD_PX_PER_M
         shift = rng.uniform(0, 500)
         return Plane(
@@ -108,8 +107,8 @@ def draw_venue(
             by_mask=False,
         )
 
-    def upright(side: str, height: float, texture: np.ndarray, base: np.ndarray, gain: np.ndarray, px_per_m: float) -> Plane:
-        """A wall round the court, with its texture's full height over the wall's."""
+    def upright(side: str, height: float, texture: np.ndarray, colours: np.ndarray, px_per_m: float) -> Plane:
+        """A wall round the court, its texture's full height over the wall's; `colours`: base and gain."""
         if side == "far":
             along, foot, half = np.array([1.0, 0.0, 0.0]), np.array([0.0, wall_y, floor_z]), wall_x
         else:
@@ -125,8 +124,8 @@ def draw_venue(
             right=along / px_per_m,
             down=np.array([0.0, 0.0, -height / texture.shape[0]]),
             texture=texture,
-            base=base,
-            gain=gain,
+            base=colours[0],
+            gain=colours[1],
             alpha=1.0,
             by_mask=False,
         )
@@ -138,7 +137,9 @@ def draw_venue(
         if rng.random() < 0.15:
             ink = back * rng.uniform(0.8, 1.2)
         three = np.repeat(mask, 3, axis=2) if mask.shape[2] == 1 else mask
-        return upright(side, height, three, back, (ink - back) / 255.0, 64.0 / (height * rng.uniform(0.5, 1.0)))
+        return upright(
+            side, height, three, np.stack([back, (ink - back) / 255.0]), 64.0 / (height * rng.uniform(0.5, 1.0))
+        )
 
     sides = ["far"]
     if centre_world[0] > -wall_x:
@@ -153,7 +154,7 @@ def draw_venue(
             lift = np.array([0.0, rng.uniform(2, 12), rng.uniform(2.5, 7.0)]) * size
             planes.append(
                 Plane(
-                    corners=board.corners + lift + np.array([-4, -4, 4, 4])[:, None] * 0.0,
+                    corners=board.corners + lift,
                     origin=board.origin + lift,
                     right=board.right,
                     down=board.down,
@@ -169,7 +170,8 @@ def draw_venue(
         gain = np.full(3, rng.uniform(0.4, 1.3)) if kind == "club" else np.full(3, rng.uniform(0.1, 0.8))
         heights = size * rng.uniform(3.0, 9.0, 3)
         planes += [
-            upright(side, h, back, np.zeros(3), gain, back.shape[0] / h) for side, h in zip(sides, heights, strict=False)
+            upright(side, h, back, np.stack([np.zeros(3), gain]), back.shape[0] / h)
+            for side, h in zip(sides, heights, strict=False)
         ]
         if rng.random() < 0.35:
             return Venue(wall_x=wall_x, wall_y=wall_y, sky=sky, planes=tuple(planes))

@@ -29,17 +29,17 @@ class Textures:
 
     noise: Float[np.ndarray, "512 512"]
     """Noise of several octaves that repeats, about -1 to 1."""
-    crowds: tuple[UInt8[np.ndarray, "height width 3"], ...]
+    crowds: tuple[UInt8[np.ndarray, "_ _ 3"], ...]
     """Rows of spectators, BGR."""
-    foliage: tuple[UInt8[np.ndarray, "height width 3"], ...]
+    foliage: tuple[UInt8[np.ndarray, "_ _ 3"], ...]
     """Trees, hedges and plain backdrops, BGR."""
-    hoardings: tuple[UInt8[np.ndarray, "height width 1"], ...]
+    hoardings: tuple[UInt8[np.ndarray, "_ _ 1"], ...]
     """Lettering and marks of hoardings as masks, 64 px high."""
-    words: tuple[UInt8[np.ndarray, "height width 1"], ...]
+    words: tuple[UInt8[np.ndarray, "_ _ 1"], ...]
     """Single words and marks as masks, 64 px high."""
-    patches: tuple[UInt8[np.ndarray, "height width 1"], ...]
+    patches: tuple[UInt8[np.ndarray, "_ _ 1"], ...]
     """Blotches as masks, strongest in the middle."""
-    grain: tuple[Float[np.ndarray, "height width 3"], ...]
+    grain: tuple[Float[np.ndarray, "_ _ 3"], ...]
     """Noise of the sensor, standard deviation 1."""
 
 
@@ -78,7 +78,7 @@ def _noise(rng: np.random.Generator) -> np.ndarray:
 def _patch(rng: np.random.Generator, noise: np.ndarray) -> np.ndarray:
     size = 128
     across = np.linspace(-2.2, 2.2, size)
-    hill = np.exp(-(across[:, None] ** 2) - across[None] ** 2) - np.exp(-2.2**2)
+    hill = np.exp(-(across[:, None] ** 2) - across[None] ** 2) - np.exp(-(2.2**2))
     y, x = rng.integers(0, 512 - size, 2)
     mask = hill * (1.0 + rng.uniform(0.3, 1.4) * noise[y : y + size, x : x + size])
     return np.clip(255.0 * mask, 0, 255).astype(np.uint8)[..., None]
@@ -139,7 +139,8 @@ def _crowd(rng: np.random.Generator) -> np.ndarray:
             cv2.rectangle(picture, (int(x), 0), (int(x) + 22, height), shade, -1)
             for y in range(0, height, 9):
                 cv2.line(picture, (int(x), y), (int(x) + 22, y), (np.array(shade) * 0.6).tolist(), 2)
-    shading = cv2.resize(rng.uniform(0.55, 1.25, (4, 8)).astype(np.float32), (width, height), interpolation=cv2.INTER_CUBIC)
+    coarse = rng.uniform(0.55, 1.25, (4, 8)).astype(np.float32)
+    shading = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC)
     return np.clip(picture * shading[..., None], 0, 255).astype(np.uint8)
 
 
@@ -181,7 +182,8 @@ def _mark(rng: np.random.Generator, picture: np.ndarray, x: int) -> int:
         corners = rng.integers(0, size + 1, (int(rng.integers(3, 6)), 2)) + np.array([x, y])
         cv2.fillPoly(picture, [corners.astype(np.int32)], 255)
     elif kind == 3:
-        cv2.ellipse(picture, (x + size // 2, y + size // 2), (size // 2, size // 4), float(rng.uniform(0, 180)), 0, 300, 255, 3)
+        middle, turn = (x + size // 2, y + size // 2), float(rng.uniform(0, 180))
+        cv2.ellipse(picture, middle, (size // 2, size // 4), turn, 0, 300, 255, 3)
     else:
         for step in range(4):
             cv2.line(picture, (x + step * size // 4, y), (x + step * size // 4 + size // 5, y + size), 255, 3)

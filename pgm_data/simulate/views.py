@@ -113,17 +113,20 @@ def focal_for_span(court: Court, centre_world: np.ndarray, aim_world: np.ndarray
 
 
 def broadcast_pose(rng: np.random.Generator, court: Court, size: tuple[int, int], *, cropped: bool = False) -> Pose:
-    """The main camera of a match: behind the near end, high, on the long axis."""
+    """The main camera of a match: behind the near end, high, on the long axis; it sees most of the court's crossings."""
     scale = court_scale(court)
-    centre = scale * np.array([rng.normal(0, 0.4), -rng.uniform(29.0, 53.0), rng.uniform(6.0, 14.0)])
-    if rng.random() < 0.15:
-        centre[0] = scale * rng.uniform(-1.5, 1.5)
-    aim = scale * np.array([rng.normal(0, 0.6), rng.uniform(-4.5, 1.5), 0.0])
-    return _framed(rng, court, size, centre, aim, rng.uniform(0.55, 0.95), cropped)
+    while True:
+        centre = scale * np.array([rng.normal(0, 0.4), -rng.uniform(29.0, 53.0), rng.uniform(6.0, 14.0)])
+        if rng.random() < 0.15:
+            centre[0] = scale * rng.uniform(-1.5, 1.5)
+        aim = scale * np.array([rng.normal(0, 0.6), rng.uniform(-4.5, 1.5), 0.0])
+        pose = _framed(rng, court, size, centre, aim, rng.uniform(0.55, 0.95), cropped)
+        if points_in_picture(court, pose.view(size), size) >= 0.7 * len(court.points_world):
+            return pose
 
 
 def any_view(rng: np.random.Generator, court: Court, size: tuple[int, int]) -> View:
-    """A camera for training pictures: mostly broadcast, else low, high, near, far off the axis, oblique or zoomed in."""
+    """A camera for training pictures: mostly broadcast, else low, high, off the axis, oblique or zoomed in."""
     scale = court_scale(court)
     kind = rng.random()
     cropped = rng.random() < 0.1

@@ -8,9 +8,11 @@ from jaxtyping import Float
 
 from pgm_data.court import Court
 from pgm_data.scene import Scene
-from pgm_data.simulate.people import Cast, blob_shadow, by_distance, crate, placed
+from pgm_data.simulate.bystanders import Clothes, draw_bystanders
+from pgm_data.simulate.foreign import foreign_lines
+from pgm_data.simulate.people import Cast, blob_shadow
 from pgm_data.simulate.shapes import NetLook, Plane, Polygons, line_rectangles, net_polygons, polygons, rectangle
-from pgm_data.simulate.surroundings import Venue, draw_venue, lettering
+from pgm_data.simulate.surroundings import draw_venue, lettering
 from pgm_data.simulate.textures import Textures
 
 FIRM_SURFACES = (  # (court, run-off) BGR
@@ -106,10 +108,13 @@ def draw_world(
     inner, outer = surface_colours(rng, kind, hard)
     venue = draw_venue(rng, half_x, half_y, floor_z, textures, centre_world, hard=hard)
     thrown = _thrown(rng)
-    cloth = Clothes(rng, white=kind == "grass" and rng.random() < 0.7)
+    clothes = Clothes(rng, white=kind == "grass" and rng.random() < 0.7)
     net, tape = net_polygons(court, net_look(rng), floor_z)
     foreign = foreign_lines(rng, others, rng.uniform(0.5, 1.0)) if hard and others and rng.random() < 0.1 else []
-    behind, front, feet = _things(rng, half_x, half_y, floor_z, cast, cloth, centre_world, venue, hard, players)
+    walls = (venue.wall_x, venue.wall_y)
+    behind, front, feet = draw_bystanders(
+        rng, (half_x, half_y, floor_z), cast, clothes, centre_world, walls, hard=hard, players=players
+    )
     return World(
         floor_z=floor_z,
         sky=venue.sky,
@@ -146,36 +151,6 @@ def surface_colours(rng: np.random.Generator, kind: str, hard: bool) -> tuple[np
         outer = inner * rng.uniform(0.92, 1.08)
     tint = rng.uniform(0.7, 1.3) * rng.uniform(0.85, 1.15, 3)
     return np.clip(inner * tint, 8, 225), np.clip(outer * tint, 8, 225)
-
-
-def muted(rng: np.random.Generator) -> np.ndarray:
-    """A colour of cloth or plastic, BGR: mostly greyish or dark, seldom glaring."""
-    colour = rng.uniform(5, 240, 3)
-    return colour + rng.uniform(0.0, 0.9) * (rng.uniform(10, 240) - colour)
-
-
-class Clothes:
-    """The colours that one event's people wear."""
-
-    def __init__(self, rng: np.random.Generator, *, white: bool) -> None:
-        """`white`: players all in white."""
-        self._rng = rng
-        self._white = white
-        self._staff = np.stack([muted(rng), 0.6 * muted(rng)])
-
-    def staff(self) -> np.ndarray:
-        """Shirt, legs and skin of an official."""
-        return np.stack([*self._staff, self._skin()])
-
-    def anyone(self) -> np.ndarray:
-        """Shirt, legs and skin of a player or guest."""
-        rng = self._rng
-        if self._white or rng.random() < 0.3:
-            return np.stack([np.full(3, rng.uniform(195, 250)), np.full(3, rng.uniform(190, 250)), self._skin()])
-        return np.stack([muted(rng), np.full(3, rng.uniform(5, 200)), self._skin()])
-
-    def _skin(self) -> np.ndarray:
-        return np.array([115.0, 150.0, 200.0]) * self._rng.uniform(0.3, 1.15)
 
 
 def net_look(rng: np.random.Generator) -> NetLook:
@@ -271,7 +246,8 @@ def _lines(rng, court: Court, kind: str, hard: bool) -> Polygons:
     if not hard:
         faint *= 0.5
     alpha = 1.0 - faint
-    each = 1.0 - (rng.uniform(0.0, 0.5) if kind != "firm" or rng.random() < 0.1 else 0.06) * rng.random(len(court.line_names))
+    uneven = rng.uniform(0.0, 0.5) if kind != "firm" or rng.random() < 0.1 else 0.06
+    each = 1.0 - uneven * rng.random(len(court.line_names))
     # Bright lines bloom in a camera: training pictures show them wider, about the same centres.
     bloom = rng.uniform(0.9, 1.5) if hard else 1.0
     for line, corners in line_rectangles(court):
@@ -289,51 +265,20 @@ def _lines(rng, court: Court, kind: str, hard: bool) -> Polygons:
     return polygons(shapes)
 
 
-def foreign_lines(
-    rng: np.random.Generator, courts: Sequence[Court], alpha: float
-) -> list[tuple[np.ndarray, np.ndarray, float]]:
-    """Lines of other sports on this ground: courts of other scenes set down anywhere, or arcs, circles and long bars."""
-    colour = rng.uniform(20, 250, 3) if rng.random() < 0.6 else np.full(3, rng.uniform(190, 255))
-    shapes: list[tuple[np.ndarray, np.ndarray, float]] = []
-    kind = rng.random()
-    if kind < 0.5:
-        court = courts[int(rng.integers(len(courts)))]
-        scale = rng.uniform(0.9, 1.4)
-        angle = float(rng.choice([0.0, 0.5 * np.pi])) + (rng.normal(0, 0.1) if rng.random() < 0.2 else 0.0)
-        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-        shift = rng.normal(0, 3.0, 2) if rng.random() < 0.7 else np.zeros(2)
-        for _, corners in line_rectangles(court):
-            corners = corners.copy()
-            corners[:, :2] = scale * corners[:, :2] @ turn.T + shift
-            corners[:, 2] = 0.0
-            shapes.append((corners, colour, alpha))
-        return shapes
-    for _ in range(int(rng.integers(1, 5))):
-        half = rng.uniform(0.02, 0.06)
-        if rng.random() < 0.5:
-            radius, middle = rng.uniform(0.8, 7.0), rng.normal(0, 6.0, 2)
-            turns = np.linspace(0, rng.uniform(1.5, 2 * np.pi), 24) + rng.uniform(0, 6)
-            ring = np.stack([np.cos(turns), np.sin(turns)], axis=-1)
-            flat = np.concatenate([middle + (radius + half) * ring, (middle + (radius - half) * ring)[::-1]])
-        else:
-            start, angle = rng.normal(0, 8.0, 2), rng.choice([0.0, 0.5 * np.pi]) + rng.normal(0, 0.02)
-            along, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
-            end = start + rng.uniform(3, 30) * along
-            flat = np.array([start - half * across, end - half * across, end + half * across, start + half * across])
-        shapes.append((np.concatenate([flat, np.zeros((len(flat), 1))], axis=1), colour, alpha))
-    return shapes
-
-
 def _ground_words(rng, half_x, half_y, floor_z, textures, hard) -> tuple[Plane, ...]:
     planes = []
     if rng.random() < 0.45:
         white = rng.uniform(150, 255, 3) if rng.random() < 0.8 else rng.uniform(0, 255, 3)
         height = half_y * rng.uniform(0.03, 0.09)
-        places = [(0.0, -0.82 * half_y), (0.0, 0.78 * half_y), (-0.8 * half_x, -0.1 * half_y), (0.8 * half_x, -0.1 * half_y)]
+        places = [(0.0, -0.82), (0.0, 0.78), (-0.8, -0.1), (0.8, -0.1)]
         for x, y in places:
             if rng.random() < 0.6:
                 word = textures.words[int(rng.integers(len(textures.words)))]
-                planes.append(lettering(word, np.array([x, y, floor_z]), height, white, np.array([0.0, 1.0, 0.0])))
+                planes.append(
+                    lettering(
+                        word, np.array([x * half_x, y * half_y, floor_z]), height, white, np.array([0.0, 1.0, 0.0])
+                    )
+                )
     return tuple(planes)
 
 
@@ -353,7 +298,8 @@ def _net_words(rng, court: Court, textures: Textures) -> tuple[Plane, ...]:
             wide = rng.uniform(0.9, 1.5) * height
             planes.append(lettering(patch, np.array([x, -0.01, middle]), height, board, up, width=wide, alpha=0.9))
             pale = np.full(3, rng.uniform(180, 255))
-            planes.append(lettering(word, np.array([x, -0.01, middle]), 0.5 * height, pale, up, width=0.8 * wide, alpha=0.9))
+            at = np.array([x, -0.01, middle])
+            planes.append(lettering(word, at, 0.5 * height, pale, up, width=0.8 * wide, alpha=0.9))
     if rng.random() < 0.6:
         pale = np.full(3, rng.uniform(120, 255))
         shade = float(rng.uniform(0.3, 0.8))
@@ -382,7 +328,8 @@ def _shadows(rng, court: Court, half_x, half_y, feet, thrown, floor_z) -> Polygo
             normal = np.array([np.cos(angle), np.sin(angle)]) * rng.choice([-1.0, 1.0])
             along = np.array([-normal[1], normal[0]])
             start = normal * rng.uniform(-1.0, 1.0) * (half_x if abs(normal[0]) > 0.7 else half_y)
-            far = [start - 200 * along, start + 200 * along, start + 200 * (along + normal), start + 200 * (normal - along)]
+            near, beyond = 200 * along, 200 * normal
+            far = [start - near, start + near, start + near + beyond, start - near + beyond]
             corners = np.concatenate([np.array(far), np.full((4, 1), floor_z)], axis=1)
             shapes.append((corners, np.zeros(3), strength * float(rng.uniform(0.6, 1.0))))
         top = court.net_world
@@ -395,55 +342,3 @@ def _shadows(rng, court: Court, half_x, half_y, feet, thrown, floor_z) -> Polygo
         for throw, dark in thrown:
             shapes += blob_shadow(place, height, throw, dark)
     return polygons(shapes)
-
-
-def _things(rng, half_x, half_y, floor_z, cast: Cast, cloth: Clothes, centre_world, venue: Venue, hard, players):
-    """People and furniture beyond and before the net, and where they stand."""
-    beyond: list[tuple[float, Polygons]] = []
-    before: list[tuple[float, Polygons]] = []
-    feet: list[tuple[np.ndarray, float]] = []
-
-    def pick(figures):
-        return figures[int(rng.integers(len(figures)))]
-
-    def put(figure, x, y, clothes, height, shadow=True, lift=0.0) -> None:
-        place = np.array([x, y, floor_z + lift])
-        reach = float(np.linalg.norm(place - centre_world))
-        if reach < 3.0:
-            return
-        flipped = bool(rng.random() < 0.5)
-        shapes = placed(figure, place, centre_world, clothes, height_m=height, flipped=flipped)
-        (beyond if y > 0 else before).append((reach, shapes))
-        if shadow:
-            feet.append((place, height))
-
-    wall_x, wall_y = venue.wall_x, venue.wall_y
-    for end in (-1.0, 1.0):
-        if players and rng.random() < 0.9:
-            x, y = rng.normal(0, 0.35) * half_x, end * half_y * rng.uniform(0.1, 0.85)
-            put(pick(cast.playing), x, y, cloth.anyone(), rng.uniform(1.6, 2.0))
-    for _ in range(int(rng.integers(0, 4)) if hard and players and rng.random() < 0.35 else 0):
-        put(pick(cast.playing), rng.normal(0, 0.5) * half_x, rng.uniform(-0.9, 0.9) * half_y, cloth.anyone(), 1.8)
-    for x in np.linspace(-0.8, 0.8, int(rng.integers(2, 8))) * wall_x:
-        if rng.random() < 0.7:
-            put(pick(cast.standing), x + rng.normal(0, 0.3), wall_y - rng.uniform(0.3, 1.2), cloth.staff(), 1.75)
-    if rng.random() < 0.4:
-        for x in np.linspace(-0.7, 0.7, int(rng.integers(2, 5))) * wall_x:
-            if rng.random() < 0.7:
-                put(pick(cast.standing), x, -wall_y + rng.uniform(-1.5, 2.0), cloth.staff(), 1.75)
-    for side in (-1.0, 1.0):
-        for _ in range(int(rng.integers(1, 6))):
-            x, y = side * wall_x * rng.uniform(0.75, 0.97), rng.uniform(-0.8, 0.8) * half_y
-            figures = cast.seated if rng.random() < 0.5 else cast.standing
-            put(pick(figures), x, y, cloth.staff() if rng.random() < 0.6 else cloth.anyone(), 1.75)
-        for _ in range(int(rng.integers(0, 6))):
-            low = np.array([side * wall_x * rng.uniform(0.72, 0.95), rng.uniform(-0.7, 0.7) * half_y, floor_z])
-            size = rng.uniform(0.3, 1.6, 3) * [1.0, 1.2, 0.7]
-            shapes = crate(low, size, muted(rng), centre_world)
-            (beyond if low[1] > 0 else before).append((float(np.linalg.norm(low - centre_world)), shapes))
-    if rng.random() < 0.75:
-        side = rng.choice([-1.0, 1.0])
-        x = side * (half_x * rng.uniform(0.72, 0.85))
-        put(pick(cast.chairs), x, 0.05, cloth.staff(), 2.7)
-        put(pick(cast.seated), x, 0.04, cloth.staff(), 1.7, shadow=False, lift=1.35)
-    return by_distance(beyond), by_distance(before), feet

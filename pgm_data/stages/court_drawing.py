@@ -18,6 +18,7 @@ STEPS_PER_LINE = 48
 """Straight pieces a line is drawn in; a lens bends a piece by far less than a pixel."""
 SUBPIXEL_BITS = 4
 """Binary places of a pixel that are kept when drawing."""
+FARTHEST_PX = 1e9
 DASH = 2
 """Pieces per dash, and per gap, of interpolated lines."""
 
@@ -66,11 +67,13 @@ def resized(camera: Camera, scale_xy: Float[np.ndarray, " 2"]) -> Camera:
 def clipped(
     pieces_px: Float[np.ndarray, "pieces 2 2"], low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"]
 ) -> Float[np.ndarray, "inside 2 2"]:
-    """The parts of the pieces that lie between the two corners; pieces outside, or with a NaN end, are left out.
+    """The parts of the pieces that lie between the two corners; pieces outside are left out.
+
+    So are those with an end that is NaN or beyond `FARTHEST_PX`, which begin in the plane of the camera.
 
     Source: Liang and Barsky, A new concept and method for line clipping, 1984.
     """
-    pieces_px = pieces_px[np.isfinite(pieces_px).all(axis=(1, 2))]
+    pieces_px = pieces_px[(np.abs(pieces_px) < FARTHEST_PX).all(axis=(1, 2))]
     start, step = pieces_px[:, 0], pieces_px[:, 1] - pieces_px[:, 0]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         a, b = (low - start) / step, (high - start) / step

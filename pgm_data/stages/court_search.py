@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Int
 
 from pgm_data.court import Court
-from pgm_data.detect.lines import RidgeOptions, measure_ridges
+from pgm_data.detect.lines import LineLook, RidgeOptions, look_of_lines, measure_ridges
 from pgm_data.lift.court_camera import PARAMETERS, CourtCamera
 from pgm_data.lift.court_samples import LineSamples, moved_samples, sample_lines
 from pgm_data.lift.line_consensus import on_course
@@ -45,6 +45,8 @@ class Observation:
     """Measurements that lie on their line's course."""
     readable: Int[np.ndarray, " lines"]
     """Samples of each line that lay inside the picture."""
+    look: LineLook
+    """What the lines were taken to look like."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -62,7 +64,7 @@ class Sight:
 
 def observe(
     luma: np.ndarray, camera: CourtCamera, court: Court, *, search_px: float, options: SearchOptions,
-    samples: LineSamples | None = None,
+    samples: LineSamples | None = None, look: LineLook | None = None,
 ) -> Observation:
     """The painted lines of a picture measured where a camera expects them.
 
@@ -73,15 +75,19 @@ def observe(
         search_px: Furthest a line may lie from where it is expected.
         options: How much is measured.
         samples: Court points to measure again; spread anew when None.
+        look: What the lines look like; estimated when None.
     """
     size = (luma.shape[1], luma.shape[0])
     if samples is None:
         samples = sample_lines(camera, court, size=size, spacing_px=options.spacing_px, most=options.samples)
     else:
         samples = moved_samples(camera, court, samples, size=size)
-    ridges = measure_ridges(luma, samples.pixels, samples.normals, samples.widths_px, RidgeOptions(search_px=search_px))
-    good = on_course(samples.line, samples.along, ridges.offset_px, tolerance_px=max(1.0, 0.12 * search_px))
     lines = len(court.line_names)
+    expected = (luma, samples.pixels, samples.normals, samples.widths_px)
+    if look is None:
+        look = look_of_lines(*expected, samples.line, lines, RidgeOptions(search_px=search_px))
+    ridges = measure_ridges(*expected, RidgeOptions(search_px=search_px, blur_px=look.blur_px), look.spill[samples.line])
+    good = on_course(samples.line, samples.along, ridges.offset_px, tolerance_px=max(1.0, 0.12 * search_px))
     sightings = Sightings(
         points_world=samples.points_world[good],
         measured_px=(samples.pixels + samples.normals * ridges.offset_px[:, None])[good],
@@ -90,7 +96,8 @@ def observe(
         line=samples.line[good],
         along=samples.along[good],
     )
-    return Observation(samples=samples, sightings=sightings, readable=line_counts(samples.line, lines, ridges.readable))
+    readable = line_counts(samples.line, lines, ridges.readable)
+    return Observation(samples=samples, sightings=sightings, readable=readable, look=look)
 
 
 def settle(

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
 from pgm_data.court import Court
+from pgm_data.detect.lines import LineLook
 from pgm_data.geometry.rigid import rotvec_from_rotation
 from pgm_data.lift.clip_fit import ClipFitOptions
 from pgm_data.lift.clip_solve import (
@@ -176,6 +177,7 @@ class ShotTracker:
         self.camera: CourtCamera | None = None
         self.samples = None
         self.samples_at = np.zeros(0)
+        self.look: LineLook | None = None
         self.last_measured = -1
         self.next_try = 0
         self.pending: list[tuple[int, np.ndarray]] = []
@@ -237,7 +239,7 @@ class ShotTracker:
         moved = self.samples is None or not np.nanmax(np.abs(view - self.samples_at), initial=0.0) < 3.0
         observation = observe(
             luma, camera, self.court, search_px=max(self.search.follow * width, 3.0), options=self.search,
-            samples=None if moved else self.samples,
+            samples=None if moved else self.samples, look=self.look,
         )
         if moved:
             self.samples, self.samples_at = observation.samples, view
@@ -259,6 +261,7 @@ class ShotTracker:
         return False
 
     def _record(self, index: int, sight: Sight) -> None:
+        self.look = sight.observation.look
         self._keep(index, sight.camera, sight.observation.sightings, sight.observation.readable)
 
     def _keep(self, index: int, camera: CourtCamera, sightings: Sightings, readable: np.ndarray) -> None:
@@ -278,7 +281,7 @@ class ShotTracker:
         last = len(self.found) - 1
         solved = solve_frames(track[[last]], self.spool.read([last]), solution=solution, lines=self.lines)
         if not camera_trust(solved.fit.camera[0], self.court, width=self.size[0], options=self.trust):
-            self.camera, self.samples = solved.fit.camera[0], None
+            self.camera, self.samples, self.look = solved.fit.camera[0], None, None
 
     def _shared(self, cameras: CourtCamera, sightings: Sightings) -> ClipSolution:
         options = ClipFitOptions(crooked_px=self.search.crooked * self.size[0])

@@ -22,8 +22,10 @@ CLOCK_RESTART_S = 1.0
 """A step back in time larger than this is read as a clock that starts again, seconds."""
 MISSING_END_S = 0.5
 """A Matroska file that ends this much before its own stated duration is called cut off, seconds."""
-TEXT_CODECS = frozenset({"ansi", "bintext", "xbin", "idf"})
-"""Codecs that draw any text file as a picture."""
+CONTAINERS = (
+    "mov,mp4,matroska,webm,avi,mpegts,mpeg,mpegvideo,m4v,flv,asf,ogg,mxf,dv,yuv4mpegpipe,gif,h264,hevc,ivf,av1,obu,nut"
+)
+"""Kinds of file that are read. None of them is a list of other files or a text that is drawn as a picture."""
 
 
 class VideoError(Exception):
@@ -128,10 +130,11 @@ def open_video(path: Path, *, threads: int = 2, fast: bool = False) -> VideoRead
         return _open_still(path)
     try:
         # Only this one file may be read: a playlist or a script under a video's name must not open others.
-        options = {"protocol_whitelist": "file"}
+        options = {"protocol_whitelist": "file", "format_whitelist": CONTAINERS}
         container = av.open(f"file:{path}", metadata_errors="replace", container_options=options)
     except (FFmpegError, OSError) as error:
-        raise VideoError(path, "a video", _cause(error)) from error
+        found = f"{path.stat().st_size} bytes that are none ({_cause(error)})"
+        raise VideoError(path, "a video", found) from error
     try:
         return _read_container(path, container, threads, fast)
     except BaseException:
@@ -195,8 +198,6 @@ def _read_container(path: Path, container: InputContainer, threads: int, fast: b
     stream = next((each for each in container.streams.video if not each.disposition & Disposition.attached_pic), None)
     if stream is None or stream.codec_context is None:
         raise VideoError(path, "a video stream that can be decoded", f"none in a file of kind {container.format.name}")
-    if stream.codec_context.name in TEXT_CODECS:
-        raise VideoError(path, "a video", "a text file")
     stream.thread_type = "AUTO"
     stream.codec_context.thread_count = threads
     if fast:

@@ -18,29 +18,29 @@ class AugmentOptions:
 
     flip: float = 0.5
     """Mirrored left to right."""
-    zoom: tuple[float, float] = (0.75, 1.7)
+    zoom: tuple[float, float] = (0.8, 1.5)
     """Range of enlargement."""
-    rotation_deg: float = 3.0
+    rotation_deg: float = 2.0
     """Standard deviation of roll."""
     aspect: float = 0.06
     """Standard deviation of the logarithm of the stretch along x."""
-    shift: float = 0.1
+    shift: float = 0.08
     """Standard deviation of the shift, as a share of the picture's size."""
-    bars: float = 0.1
+    bars: float = 0.08
     """Black bars at the sides or above and below, as round a portrait or wide picture."""
-    colour: float = 0.85
+    colour: float = 0.6
     """Colours mixed, brightness, contrast and gamma changed per channel."""
-    grey: float = 0.08
+    grey: float = 0.05
     """Grey picture."""
-    soften: float = 0.45
+    soften: float = 0.3
     """Lower resolution, Gaussian blur or motion blur."""
-    shade: float = 0.25
+    shade: float = 0.15
     """A half plane or band made darker or brighter."""
-    occlude: float = 0.4
+    occlude: float = 0.2
     """One to five patches or person-like figures laid over."""
-    noise: float = 0.4
+    noise: float = 0.2
     """Noise up to a standard deviation of 18 grey values."""
-    jpeg: float = 0.4
+    jpeg: float = 0.2
     """JPEG of quality 12 to 70."""
 
 

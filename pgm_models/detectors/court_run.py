@@ -12,6 +12,7 @@ from typing import Literal
 import torch
 
 from pgm_data.court import Court
+from pgm_data.dataset.files import whole_file
 from pgm_data.scene import load_scene
 from pgm_models.checkpoint import CHECKPOINT_NAME, load_checkpoint
 from pgm_models.detectors.augment import AugmentOptions
@@ -71,9 +72,7 @@ class GrowingFrames:
         self._stop = threading.Event()
         self.look()
         if not self._clips:
-            raise NoFrames(
-                f"{dataset}: expected clip folders with clip.json, camera.parquet and their video, got none"
-            )
+            raise NoFrames(f"{dataset}: expected clip folders with clip.json, camera.parquet and their video, got none")
 
     def __call__(self) -> FrameSet:
         """The frames known now."""
@@ -145,7 +144,8 @@ def train_court(
     if outcome.state == "done":
         figures = task.validate(outcome.network)
         show("held out: " + "  ".join(f"{name} {value:.4g}" for name, value in figures.items()))
-        (options.run / "held_out.json").write_text(json.dumps(figures, indent=1) + "\n")
+        with whole_file(options.run / "held_out.json") as temporary:
+            temporary.write_text(json.dumps(figures, indent=1) + "\n")
     return outcome
 
 

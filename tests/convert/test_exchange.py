@@ -5,9 +5,10 @@ import cv2
 import numpy as np
 import pycolmap
 import pytest
+from pgm_cli import export, import_
+from pgm_cli.console import UsageError
 
-from cli import export, import_
-from cli.console import UsageError
+from pgm_data.dataset.check import check_paths
 from pgm_data.dataset.clip_camera import read_clip_camera
 from pgm_data.dataset.documents import read_document
 from pgm_data.dataset.tables import read_table
@@ -57,6 +58,7 @@ def test_every_frame_goes_out_and_comes_back_into_its_place(made, tmp_path, form
     for name in shots["a"]:
         np.testing.assert_array_equal(shots["a"][name], shots["b"][name], name)
     assert read_document(tmp_path / "back" / "run.json", "run")["inputs"][0]["state"] == "ok"
+    assert check_paths([tmp_path / "back"]) == []
 
 
 @pytest.mark.parametrize("form", FORMATS)
@@ -133,6 +135,7 @@ def test_foreign_pictures_become_a_clip_per_folder_at_the_stated_rate(tmp_path, 
     shots = read_table(tmp_path / "back" / "shots.parquet")
     assert shots["video"].tolist() == ["../m/sparse/0/images.txt"] * 4
     assert shots["clip_id"].tolist() == ["left", "left", "right", "right"]
+    assert check_paths([tmp_path / "back"]) == []
 
 
 def test_some_bad_pictures_give_exit_3_and_only_bad_ones_exit_4(tmp_path, capsys):

@@ -129,6 +129,9 @@ def matrix_value(row: int, column: int, value):
         (lambda c: c["frames"][0].update(fl_y=-1.0), "focal length"),
         (lambda c: c["frames"][0].update(fl_y="wide"), "fl_y"),
         (lambda c: c["frames"][0].update(fl_y=True), "fl_y"),
+        (lambda c: c["frames"][0].update(fl_y=10**400), "fl_y"),
+        (lambda c: (c.pop("w"), c["frames"][0].update(w=320.5), c["frames"][1].update(w=320)), "w, h"),
+        (lambda c: (c.pop("h"), c["frames"][0].update(h=0), c["frames"][1].update(h=180)), "w, h"),
         (lambda c: c["frames"][0].update(k3=0.1), "k3"),
         (lambda c: c["frames"][0].update(file_path="../../secret.png"), "file_path"),
         (lambda c: c["frames"][0].update(file_path="/etc/passwd"), "file_path"),
@@ -163,6 +166,15 @@ def test_a_mirror_is_no_rotation(tmp_path):
             row[0] = -row[0]
 
     assert "rotation" in read_nerfstudio(changed(tmp_path, change))[1][0].expected
+
+
+def test_a_matrix_scaled_by_a_millionth_is_made_a_rotation_again(tmp_path):
+    def change(content):
+        for frame in content["frames"]:
+            frame["transform_matrix"][:3] = (np.array(frame["transform_matrix"][:3]) * (1 + 1e-6)).tolist()
+
+    R = read_nerfstudio(changed(tmp_path, change))[0].camera.R_cam_from_world
+    np.testing.assert_allclose(R @ np.swapaxes(R, 1, 2), np.tile(np.eye(3), (2, 1, 1)), atol=1e-12)
 
 
 def test_a_matrix_rounded_to_six_places_is_taken_as_the_nearest_rotation(tmp_path):

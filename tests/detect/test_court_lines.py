@@ -21,6 +21,12 @@ from pgm_data.scene import load_scene
 OPTIONS = LineGuessOptions()
 
 
+def court_of(scene: str) -> Court:
+    court = load_scene(scene).court
+    assert court is not None
+    return court
+
+
 def looking_at(position: np.ndarray, target: np.ndarray, roll: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """R_cam_from_world and t of a camera at `position` that looks at `target`."""
     forward = (target - position) / np.linalg.norm(target - position)
@@ -81,7 +87,8 @@ def drawn(rng: np.random.Generator, court: Court, H: np.ndarray, size: tuple[int
         x, y, tall = rng.integers(width), rng.integers(top, height), height // 12
         cv2.ellipse(picture, (int(x), int(y)), (tall // 3, tall), 0, 0, 360, float(rng.uniform(10, 250)), -1)
     cv2.rectangle(picture, (width // 20, height * 9 // 10), (width // 4, height * 19 // 20), 20, -1)
-    picture = cv2.GaussianBlur(picture.astype(np.float32), (0, 0), rng.uniform(0.4, 0.9)) + rng.normal(0, 3, picture.shape)
+    blurred = cv2.GaussianBlur(picture.astype(np.float32), (0, 0), rng.uniform(0.4, 0.9))
+    picture = blurred + rng.normal(0, 3, picture.shape)
     return np.clip(np.rint(picture), 0, 255).astype(np.uint8)
 
 
@@ -94,15 +101,15 @@ def worst_error(pixel_from_ground: np.ndarray, truth: np.ndarray, court: Court) 
 
 
 @pytest.mark.parametrize("scene", ["tennis", "badminton", "pickleball"])
-def test_five_of_six_broadcast_views_are_found_within_three_pixels(scene: str) -> None:
-    court, size = load_scene(scene).court, (960, 540)
+def test_every_broadcast_view_is_found_within_three_pixels(scene: str) -> None:
+    court, size = court_of(scene), (960, 540)
     rng = np.random.default_rng(7)
     errors = []
-    for _ in range(6):
+    for _ in range(4):
         truth = broadcast_view(rng, court, size)
         guesses = guess_homographies(drawn(rng, court, truth, size), court, OPTIONS)
         errors.append(worst_error(guesses.pixel_from_ground, truth, court))
-    assert np.sum(np.array(errors) < 3.0) >= 5, errors
+    assert max(errors) < 3.0, errors
 
 
 @pytest.mark.parametrize(
@@ -111,7 +118,7 @@ def test_five_of_six_broadcast_views_are_found_within_three_pixels(scene: str) -
     ids=["portrait", "from the right", "from the left", "held askew"],
 )
 def test_unusual_views_are_found_within_three_pixels(size: tuple[int, int], direction: float, roll: float) -> None:
-    court = load_scene("tennis").court
+    court = court_of("tennis")
     position = 32.0 * np.array([np.sin(direction), -np.cos(direction), 0.0]) + np.array([0.0, 0.0, 14.0])
     R, t = looking_at(position, np.array([0.0, -1.0, 0.0]), roll)
     spread = np.ptp(seen_at(homography(1000.0, R, t, size), court.points_world), axis=0)
@@ -123,7 +130,7 @@ def test_unusual_views_are_found_within_three_pixels(size: tuple[int, int], dire
 @pytest.fixture(scope="module")
 def tennis_view() -> tuple[Court, np.ndarray, np.ndarray]:
     """A tennis court, the homography it is seen through, and the picture."""
-    court, size = load_scene("tennis").court, (960, 540)
+    court, size = court_of("tennis"), (960, 540)
     rng = np.random.default_rng(3)
     truth = broadcast_view(rng, court, size)
     return court, truth, drawn(rng, court, truth, size)
@@ -165,9 +172,9 @@ def test_contrast_and_brightness_do_not_move_the_court(tennis_view) -> None:
 def test_another_sports_court_gives_no_tennis_court(other: str) -> None:
     size = (1280, 720)
     rng = np.random.default_rng(11)
-    court = load_scene(other).court
+    court = court_of(other)
     picture = drawn(rng, court, broadcast_view(rng, court, size), size)
-    assert len(guess_homographies(picture, load_scene("tennis").court, OPTIONS).scores) == 0
+    assert len(guess_homographies(picture, court_of("tennis"), OPTIONS).scores) == 0
 
 
 @pytest.mark.parametrize("kind", ["black", "white", "noise", "crowd", "stripes", "one line"])
@@ -185,21 +192,21 @@ def test_pictures_without_a_court_give_no_guess(kind: str, scene: str) -> None:
         picture[::20] = 200
     elif kind == "one line":
         cv2.line(picture, (20, 300), (600, 250), 255, 3)
-    assert len(guess_homographies(picture, load_scene(scene).court, OPTIONS).scores) == 0
+    assert len(guess_homographies(picture, court_of(scene), OPTIONS).scores) == 0
 
 
 @settings(max_examples=15)
 @given(st.integers(1, 40), st.integers(1, 40), st.integers(0, 2**32 - 1))
 def test_tiny_pictures_give_an_answer(height: int, width: int, seed: int) -> None:
     picture = np.random.default_rng(seed).integers(0, 256, (height, width), dtype=np.uint8)
-    guesses = guess_homographies(picture, load_scene("tennis").court, OPTIONS)
+    guesses = guess_homographies(picture, court_of("tennis"), OPTIONS)
     assert guesses.pixel_from_ground.shape == (len(guesses.scores), 3, 3)
 
 
 @pytest.mark.parametrize("shape", [(1, 2000), (2000, 1), (8, 8), (20, 3000)])
 def test_slivers_give_no_guess(shape: tuple[int, int]) -> None:
     picture = np.full(shape, 90, np.uint8)
-    assert len(guess_homographies(picture, load_scene("tennis").court, OPTIONS).scores) == 0
+    assert len(guess_homographies(picture, court_of("tennis"), OPTIONS).scores) == 0
 
 
 def test_a_court_with_lines_one_way_only_gives_no_guess(tennis_view) -> None:
@@ -237,7 +244,7 @@ def test_quadrangles_map_the_unit_square_onto_the_crossings() -> None:
 
 @pytest.mark.parametrize("scene", ["tennis", "badminton", "pickleball", "tabletennis"])
 def test_marks_beyond_the_ends_lie_on_no_line_of_their_direction(scene: str) -> None:
-    court = load_scene(scene).court
+    court = court_of(scene)
     marks, beyond = line_marks(court, 400), marks_beyond_ends(court, 8)
     assert len(beyond.ground) > 0 and court_grid(court).turns_onto_itself
     same = np.abs(beyond.along @ marks.along.T) > 0.99
@@ -268,7 +275,7 @@ def frame_of(path: Path, number: int) -> np.ndarray:
 
 @pytest.mark.parametrize(("clip", "frame"), [("paris_1080p30", 46), ("rome_1080p30", 15)])
 def test_hand_read_points_of_a_broadcast_lie_within_six_pixels(real_data: Path, clip: str, frame: int) -> None:
-    court = load_scene("tennis").court
+    court = court_of("tennis")
     read = json.loads((real_data / "court_keypoints.json").read_text())["frames"][f"tennis/{clip}.mp4"][str(frame)]
     guesses = guess_homographies(frame_of(real_data / "tennis" / f"{clip}.mp4", frame), court, OPTIONS)
     expected = np.array([read[name] for name in court.point_names])
@@ -279,4 +286,4 @@ def test_hand_read_points_of_a_broadcast_lie_within_six_pixels(real_data: Path, 
 @pytest.mark.parametrize("clip", ["badminton_1080p50", "pickleball_720p30", "tabletennis_720p25_moving"])
 def test_a_real_court_of_another_sport_gives_no_tennis_court(real_data: Path, clip: str) -> None:
     picture = frame_of(real_data / "other_sports" / f"{clip}.mp4", 5)
-    assert len(guess_homographies(picture, load_scene("tennis").court, OPTIONS).scores) == 0
+    assert len(guess_homographies(picture, court_of("tennis"), OPTIONS).scores) == 0

@@ -1,5 +1,6 @@
 """Toy pictures of a court, drawn with cv2 from cameras of our own choosing."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -7,8 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
+from pgm_data.dataset.clip_camera import ClipCamera, write_clip_camera
 from pgm_data.geometry.camera import Camera
 from pgm_data.scene import load_scene
+from pgm_data.video import write_video
 from pgm_models.detectors.court_frames import ClipFrames, FrameSet, court_pixels, divide
 
 SIZE = (640, 360)
@@ -66,3 +69,38 @@ def toy_clip(folder: Path, frames: int, seed: int) -> ClipFrames:
 def toy_frames(tmp_path: Path) -> Callable[[int], FrameSet]:
     """A set of that many toy frames."""
     return lambda frames: divide([toy_clip(tmp_path, frames, seed=1)], every=max(4, min(50, frames // 2)))
+
+
+@pytest.fixture
+def dataset(tmp_path):
+    """One video of six frames of grey 40, 60, ...; its clip is frames 1 to 4, the last of them without a court."""
+    (tmp_path / "videos").mkdir()
+    pictures = (np.full((96, 160, 3), 40 + 20 * k, np.uint8) for k in range(6))
+    write_video(tmp_path / "videos" / "mix.mp4", pictures, fps=25.0)
+    folder = tmp_path / "work" / "mix"
+    folder.mkdir(parents=True)
+    (folder / "clip.json").write_text(json.dumps({"source_path": "../videos/mix.mp4"}))
+    shown = np.array([True, True, True, False])
+    lost = np.where(shown, 1.0, np.nan)
+    camera = Camera(
+        K=np.array([[150.0, 0, 79.5], [0, 150, 47.5], [0, 0, 1]]) * lost[:, None, None],
+        distortion=np.array([0.01, 0, 0, 0]) * lost[:, None],
+        R_cam_from_world=np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]) * lost[:, None, None],
+        t_cam_from_world=np.array([0.0, 6.0, 30.0]) * lost[:, None],
+    )
+    track = ClipCamera(
+        clip_id="mix",
+        video_frame=np.arange(1, 5),
+        timestamp=np.arange(1, 5) / 25,
+        is_duplicate=np.zeros(4, bool),
+        capture_time=np.arange(1, 5) / 25,
+        camera=camera,
+        status=np.where(shown, "measured", "none").astype(object),
+        reason=np.where(shown, "", "no court").astype(object),
+        inliers=np.zeros(4, np.int64),
+        reprojection_px=np.zeros(4),
+        position_cov=np.zeros((4, 6)),
+        focal_std_px=np.zeros(4),
+    )
+    write_clip_camera(folder, track, scene=load_scene("tennis"))
+    return tmp_path

@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from pgm_data.scene import Scene, load_scene
-from pgm_data.simulate.painter import paint_flat
+from pgm_data.simulate.clip import ClipOptions, simulate_clip
+from pgm_data.simulate.painter import paint_fine, paint_flat
 from pgm_data.simulate.picture import Canvas
-from pgm_data.simulate.shapes import line_rectangles, polygons
+from pgm_data.simulate.shapes import in_pieces, line_rectangles, polygons
 from pgm_data.simulate.views import View, framed_pose
 
 SIZE = (1280, 720)
@@ -22,7 +23,7 @@ def _view(k: float, shift: tuple[float, float] = (0.0, 0.0), roll: float = 0.004
         focal_px=2000.0,
         principal_px=(639.5 + shift[0], 359.5 + shift[1]),
         k=k,
-    )
+    ).view(SIZE)
 
 
 def _opencv_pixels(points: np.ndarray, view: View) -> np.ndarray:
@@ -32,15 +33,20 @@ def _opencv_pixels(points: np.ndarray, view: View) -> np.ndarray:
     return px[:, 0]
 
 
-def _painted_line(scene: Scene, view: View, line: int) -> np.ndarray:
+def _painted_line(scene: Scene, view: View, line: int, fine: bool) -> np.ndarray:
     """The picture of one white line on black, 0 to 1."""
     assert scene.court is not None
-    canvas = Canvas(*SIZE)
-    group = polygons([(c, np.ones(3), 1.0) for i, c in line_rectangles(scene.court) if i == line])
+    canvas = Canvas(*SIZE, fine=fine)
+    group = in_pieces(polygons([(c, np.ones(3), 1.0) for i, c in line_rectangles(scene.court) if i == line]), 2.0)
     seen, limits = canvas.aim(view)
     none = np.zeros((0, 0), np.float32)
-    paint_flat(canvas.image, canvas.cover, group.corners, group.starts, group.colours, group.alphas, seen, limits, none)
-    assert not canvas.cover.any()
+    if fine:
+        args = (group.corners, group.starts, group.colours[0], group.alphas, seen, limits, none)
+        paint_fine(canvas.image, canvas.layer, canvas.fine_cover, *args)
+        assert not canvas.layer.any() and not canvas.fine_cover.any()
+    else:
+        args = (group.corners, group.starts, group.colours, group.alphas, seen, limits, none)
+        paint_flat(canvas.image, canvas.cover, *args)
     return canvas.image[..., 0].astype(float)
 
 
@@ -70,16 +76,67 @@ def _centre_errors(picture: np.ndarray, points: np.ndarray, view: View) -> np.nd
     return np.array(errors)
 
 
+def _inner_points(scene: Scene, line: int) -> np.ndarray:
+    """Points along a line's centre, away from its ends and from where other lines interrupt its paint."""
+    assert scene.court is not None
+    start, end = scene.court.lines_world[line]
+    points = start + np.linspace(0.03, 0.97, 120)[:, None] * (end - start)
+    if abs(end[1] - start[1]) > abs(end[0] - start[0]):
+        across = np.unique(scene.court.points_world[:, 1])
+        points = points[(np.abs(points[:, 1:2] - across) > 0.8).all(axis=1)]
+    return points
+
+
 @pytest.mark.parametrize("k", [0.0, 0.03, 0.05])
 @pytest.mark.parametrize("shift", [(0.0, 0.0), (61.3, -40.7)])
 def test_every_painted_line_is_centred_on_the_projected_truth(k: float, shift: tuple[float, float]) -> None:
-    """Within 0.02 px, a fifth of what a solver of 0.1 px needs, at both ends of the court."""
+    """Near lines within 0.01 px, far ones, 0.4 px thin, within 0.03 px at every place and 0.005 px on average."""
     scene = load_scene("tennis")
     assert scene.court is not None
     view = _view(k, shift)
-    for line, (start, end) in enumerate(scene.court.lines_world):
-        points = start + np.linspace(0.03, 0.97, 120)[:, None] * (end - start)
-        errors = _centre_errors(_painted_line(scene, view, line), points, view)
+    for line, name in enumerate(scene.court.line_names):
+        errors = _centre_errors(_painted_line(scene, view, line, fine=True), _inner_points(scene, line), view)
         assert len(errors) > 40
-        assert np.abs(errors).max() < 0.02, f"{scene.court.line_names[line]}: {np.abs(errors).max():.4f} px"
-        assert abs(errors.mean()) < 0.004
+        allowed = 0.03 if "service_line" in name else 0.012
+        assert np.abs(errors).max() < allowed, f"{name}: {np.abs(errors).max():.4f} px"
+        assert abs(errors.mean()) < 0.006, f"{name}: {errors.mean():.4f} px on average"
+
+
+def test_draft_lines_are_centred_on_average_but_not_at_every_place() -> None:
+    scene = load_scene("tennis")
+    errors = []
+    for line in range(2):
+        painted = _painted_line(scene, _view(0.03), line, fine=False)
+        errors.append(_centre_errors(painted, _inner_points(scene, line), _view(0.03)))
+    assert abs(np.concatenate(errors).mean()) < 0.02
+    assert np.abs(np.concatenate(errors)).max() > 0.05
+
+
+def test_a_whole_clean_picture_has_its_near_lines_and_its_tape_at_the_truth() -> None:
+    """Everything drawn, nothing spoilt: lines that nobody hides, found by the brightness across them."""
+    scene = load_scene("tennis")
+    assert scene.court is not None
+    clip = simulate_clip(scene, ClipOptions(frames=1, clean=True, motion="still"), 11)
+    picture = next(clip.frames()).astype(float).mean(axis=2)
+    track = clip.track
+    rotation, _ = cv2.Rodrigues(track.R_cam_from_world[0])
+
+    def pixels(points: np.ndarray) -> np.ndarray:
+        return cv2.projectPoints(points, rotation, track.t_cam_from_world[0], track.K[0], track.distortion[0])[0][:, 0]
+
+    line = scene.court.line_names.index("near_baseline")
+    start, end = scene.court.lines_world[line]
+    net = scene.court.net_world
+    tape = np.linspace(net[0], net[1], 60)[5:-5] - [0.0, 0.0, 0.5 * scene.court.tape_width]
+    for points in (np.linspace(start, end, 80)[4:-4], tape):
+        errors = []
+        for u, v in pixels(points):
+            if not (8 < u < SIZE[0] - 9 and 8 < v < SIZE[1] - 9):
+                continue
+            column = picture[int(v) - 6 : int(v) + 8, int(round(u))]
+            base = np.median(np.r_[column[:3], column[-3:]])
+            rise = np.clip(column - base - 6.0, 0.0, None)
+            if rise.max() > 20.0:
+                errors.append(int(v) - 6 + float(rise @ np.arange(len(rise)) / rise.sum()) - v)
+        assert len(errors) > 15
+        assert abs(np.median(errors)) < 0.15

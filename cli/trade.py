@@ -1,0 +1,169 @@
+"""`pgm trade STAGE [DATA] --out DIR`: every preset of a stage on data with truth."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from .console import Progress, option_error, print_error
+from .output import OutputFolder, prepare_output
+from .simulate import picture_size
+
+if TYPE_CHECKING:
+    from pgm_data.stages.jobs import JobEvent
+    from pgm_data.stages.trade_calibrate import TradeOptions, TradeOutcome
+
+SOME_INPUTS_FAILED, NOTHING_USABLE = 3, 4
+FAILURES_SHOWN = 20
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrateTrade:
+    """Error, time, memory and false cameras of every preset of pgm-calibrate, on clips whose truth is known.
+
+    Writes trade.md, trade.svg, trade.json and rows.jsonl. The drawn clips stay in OUT/simulated, which can be DATA of
+    another run. Times are those of this machine with so many workers at once.
+    """
+
+    data: tyro.conf.Positional[Path | None] = None
+    """Folder that `pgm simulate` wrote; clips are drawn unless given."""
+    out: Path
+    """Folder to write into, new or empty."""
+    quality: tuple[Literal["draft", "standard", "best"], ...] = ("draft", "standard", "best")
+    """Presets to run."""
+    clips: int = 200
+    """Clips to draw where DATA is not given; 0 for none."""
+    frames: int = 100
+    """Frames of each clip."""
+    resolution: str = "1280x720"
+    """Width x height of the drawn clips, pixels."""
+    negatives: int = 500
+    """Pictures without a court in which cameras are looked for; 0 for none."""
+    real: Path | None = None
+    """Folder of real clips with court_keypoints.json and net_center_top.json, scored but never learned from."""
+    scene: str = "tennis"
+    """Scene whose court is sought."""
+    network: str = ""
+    """ONNX file of a court network instead of the bundled one; `none` for lines alone."""
+    seed: int = 0
+    """What is drawn depends on this and the options alone."""
+    workers: int = 1
+    """Jobs at a time."""
+    resume: bool = False
+    """Go on where an earlier run into this folder stopped; figures that it has are kept as they are."""
+    overwrite: bool = False
+    """Delete what an earlier run wrote into this folder, and begin again."""
+
+
+def main(argv: list[str]) -> int:
+    """Run the command; its exit code."""
+    return tyro.extras.subcommand_cli_from_dict(
+        {"calibrate": _calibrate}, args=argv, prog="pgm trade",
+        description="Accuracy against time of every preset of a stage, on data with truth.",
+    )
+
+
+def _calibrate(options: Annotated[CalibrateTrade, tyro.conf.arg(name="")]) -> int:
+    """Error, time, memory and false cameras of every preset of pgm-calibrate, on clips whose truth is known."""
+    _check(options)
+    from datetime import UTC, datetime
+
+    from pgm_data.dataset.documents import write_document
+    from pgm_data.provenance import run_document
+    from pgm_data.stages.trade_calibrate import run_trade
+
+    started = datetime.now(UTC)
+    with prepare_output(options.out, resume=options.resume, overwrite=options.overwrite) as folder:
+        progress = _Jobs()
+        try:
+            outcome = run_trade(_trade(options, folder), on_event=progress.tell, on_jobs=progress.begin)
+        except ValueError as error:
+            print_error(str(error))
+            return NOTHING_USABLE
+        finally:
+            progress.close()
+        inputs = [
+            {"path": job.name, "state": "failed", "reason": job.reason, "clips": [], "seconds": job.seconds}
+            for job in outcome.failed
+        ]
+        document = run_document(command="pgm trade calibrate", options=options, started=started, inputs=inputs)
+        write_document(options.out / "run.json", "run", document)
+    return _told(outcome, options.out)
+
+
+def _check(options: CalibrateTrade) -> None:
+    for name, value, low, high in (
+        ("--clips", options.clips, 0, 100_000),
+        ("--frames", options.frames, 5, 100_000),
+        ("--negatives", options.negatives, 0, 1_000_000),
+        ("--seed", options.seed, 0, 2**31),
+        ("--workers", options.workers, 1, 1024),
+    ):
+        if not low <= value <= high:
+            raise option_error(name, expected=f"{low} to {high}", got=value)
+    if not options.quality or len(set(options.quality)) < len(options.quality):
+        raise option_error("--quality", expected="presets, each once", got=" ".join(options.quality) or "none")
+    for name, path in (("DATA", options.data), ("--real", options.real)):
+        if path is not None and not path.is_dir():
+            raise option_error(name, expected="a folder", got=path)
+    if options.network not in ("", "none") and not Path(options.network).is_file():
+        raise option_error("--network", expected="an ONNX file or none", got=options.network)
+    picture_size(options.resolution, (1280, 720))
+    from pgm_data.scene import load_scene
+
+    try:
+        scene = load_scene(options.scene)
+    except ValueError as error:
+        raise option_error("--scene", expected="a scene", got=error) from error
+    if scene.court is None:
+        raise option_error("--scene", expected="a scene with a court", got=options.scene)
+
+
+def _trade(options: CalibrateTrade, folder: OutputFolder) -> "TradeOptions":
+    from pgm_data.stages.trade_calibrate import TradeOptions
+
+    network = options.network
+    return TradeOptions(
+        out=options.out, state_dir=folder.state_dir, scene=options.scene, qualities=options.quality,
+        network=network if network in ("", "none") else str(Path(network).resolve()), data=options.data,
+        clips=options.clips, frames=options.frames, size=picture_size(options.resolution, (1280, 720)), seed=options.seed,
+        workers=options.workers, resume=options.resume,
+    )
+
+
+class _Jobs:
+    """Progress over the parts of a run."""
+
+    def __init__(self) -> None:
+        self._progress = Progress(total=0, unit="job")
+
+    def begin(self, total: int) -> None:
+        """Another part of so many jobs begins."""
+        self._progress.close()
+        self._progress = Progress(total=total, unit="job")
+
+    def tell(self, event: "JobEvent") -> None:
+        """Something happened to a job."""
+        if event.kind == "progress":
+            self._progress.update(event.name, event.share)
+        elif event.kind in ("done", "skipped"):
+            self._progress.finish(event.name)
+        elif event.kind == "failed":
+            self._progress.finish(event.name, f"{event.name}: {event.message}")
+
+    def close(self) -> None:
+        """Take the bar away."""
+        self._progress.close()
+
+
+def _told(outcome: "TradeOutcome", out: Path) -> int:
+    print(outcome.table)
+    print(f"\nwrote {out / 'trade.md'}, {out / 'trade.svg'}, {out / 'trade.json'}")
+    for job in outcome.failed[:FAILURES_SHOWN]:
+        print_error(f"{job.name}: {job.reason}")
+    if len(outcome.failed) > FAILURES_SHOWN:
+        print_error(f"and {len(outcome.failed) - FAILURES_SHOWN} more failed, see rows.jsonl")
+    if not outcome.scored:
+        return NOTHING_USABLE
+    return SOME_INPUTS_FAILED if outcome.failed else 0
