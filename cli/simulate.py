@@ -189,7 +189,8 @@ def _write(options: SimulateOptions, count: int, draw: Callable[[int], "Written"
 
 
 def _drawn(options: SimulateOptions, count: int, draw: Callable[[int], "Written"]) -> Iterator["Written"]:
-    jobs = min(count, options.jobs or len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1)
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    jobs = min(count, options.jobs or cores)
     if jobs <= 1:
         yield from map(draw, range(count))
         return

@@ -16,7 +16,7 @@ STILL_SUFFIXES = frozenset(".jpg .jpeg .jpe .png .bmp .tif .tiff .webp .ppm .pgm
 """File name endings taken for a still picture, which is a video of one frame."""
 
 MAX_NAME_BYTES = 180
-"""Longest clip name made from a file name, bytes in UTF-8: what file systems allow, less room for numbers and endings."""
+"""Longest clip name made from a file name, UTF-8 bytes: what file systems allow, less room for numbers."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -18,8 +18,10 @@ STRIP_ROWS = 32
 """Rows of a picture compared at a time."""
 EVIDENT_REPEATS = 3
 """Repeats that a stretch needs before its even spacing counts as a converted frame rate."""
-SPACING_SLACK = 1.35
+SPACING_SLACK = 1.15
 """How far first showings may scatter about even spacing, frames shown: 1 is exact rounding to the display's grid."""
+LEAST_STEP = 0.25
+"""Shortest time between two distinct pictures, share of the time between their showings."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -34,7 +36,7 @@ class RepeatOptions:
     """Most repeats of one picture; a longer quiet stretch is a still or a calm scene, and counts as no repeat."""
 
 
-def local_change(luma: UInt8[np.ndarray, "height width"], previous: UInt8[np.ndarray, "height width"]) -> float:
+def local_change(luma: UInt8[np.ndarray, "height width"], previous: UInt8[np.ndarray, "rows columns"]) -> float:
     """The largest change that a square of 2 x 2 pixels shares, grey levels, at most `LARGE_CHANGE`.
 
     It sees a ball move and passes over lone pixels.
@@ -106,27 +108,40 @@ def capture_times(
         if repeats >= EVIDENT_REPEATS:
             taken[begin:end] = _even(shown[begin:end])
         begin = end
-    return np.maximum.accumulate(taken)[np.cumsum(is_source) - 1]
+    # Two stretches may overlap by a part of a frame where they meet.
+    taken = np.maximum.accumulate(taken - LEAST_STEP * shown) + LEAST_STEP * shown
+    return taken[np.cumsum(is_source) - 1]
 
 
 def _even(times: Float[np.ndarray, " pictures"]) -> Float[np.ndarray, " pictures"]:
-    """The evenly spaced times nearest to the given ones, by least squares."""
+    """The evenly spaced times nearest to two or more given ones, by least squares."""
     number = np.arange(len(times)) - (len(times) - 1) / 2
-    spacing = float(number @ times) / max(float(number @ number), 1.0)
-    return times.mean() + spacing * number
+    return times.mean() + float(number @ times) / float(number @ number) * number
+
+
+def _unevenness(times: Float[np.ndarray, " pictures"]) -> float:
+    """The least scatter of two or more times about even spacing, from lowest to highest, seconds.
+
+    The scatter is convex in the spacing, so that a ternary search finds it.
+    """
+    number = np.arange(len(times))
+    low, high = 0.0, 2 * float(times[-1] - times[0]) / (len(times) - 1)
+    for _ in range(40):
+        one, other = low + (high - low) / 3, high - (high - low) / 3
+        if np.ptp(times - one * number) < np.ptp(times - other * number):
+            high = other
+        else:
+            low = one
+    return float(np.ptp(times - (low + high) / 2 * number))
 
 
 def _even_stretch(times: Float[np.ndarray, " pictures"], slack: float) -> int:
     """How many of the first times lie within the slack about even spacing: the longest such beginning, at least 1."""
-
-    def fits(count: int) -> bool:
-        return float(np.ptp(times[:count] - _even(times[:count]))) <= slack
-
     good, step = 1, 1
-    while good + step <= len(times) and fits(good + step):
+    while good + step <= len(times) and _unevenness(times[: good + step]) <= slack:
         good, step = good + step, 2 * step
     while step:
-        if good + step <= len(times) and fits(good + step):
+        if good + step <= len(times) and _unevenness(times[: good + step]) <= slack:
             good += step
         step //= 2
     return good

@@ -42,7 +42,7 @@ class ShotOptions:
     """Smallest share of the picture that changes at a cut or over a transition; overlays that pop up stay below it."""
     cut_contrast: float = 4.0
     """A cut's change over the second largest change within six frames to both sides: pans and zooms stay near 1."""
-    sure_change: float = 0.45
+    sure_change: float = 0.6
     """Change that is a cut whatever its neighbours do."""
     flash_return: float = 0.5
     """No cut where a picture from before comes back within six frames, to this share of the change."""
@@ -135,21 +135,27 @@ def transition_inside(pictures: Float32[np.ndarray, "frames height width"], opti
         return nothing
     if _unexplained_by_motion(0.5 * (first + last), whole, energy) < options.unexplained:
         return nothing
-    large = np.flatnonzero(steps > 0.5 * steps.max())
+    # A pan before or after a fade makes small steps too; a wipe's steps differ by what lies under its edge.
+    large = np.flatnonzero(steps > (0.5 if is_fade else 0.15) * steps.max())
     return int(large[0]) + 1, int(large[-1]) + 1
 
 
 def _steepness(pictures: Float32[np.ndarray, "frames height width"]) -> float:
-    """How far cells change at once: their largest change within two frames over all they change, mean, 0 to 1."""
+    """How far cells change at once: their largest change within two frames over all they change, mean, 0 to 1.
+
+    It is 0 where most cells change at one time, as in a cut or a flash.
+    """
     cells = np.stack([_cells(picture) for picture in pictures]).reshape(len(pictures), -1)
     total = np.abs(cells[-1] - cells[0])
     changed = total > CELL_LEVELS
     if not changed.any():
         return 0.0
     cells, total = cells[:, changed], total[changed]
-    at_once = np.abs(cells[2:] - cells[:-2]).max(axis=0)
+    moves = np.abs(cells[2:] - cells[:-2])
     path = np.abs(np.diff(cells, axis=0)).sum(axis=0)
-    return float((np.minimum(at_once, total) / np.maximum(path, total)).mean())
+    if np.bincount(moves.argmax(axis=0)).max() > 0.6 * len(total):
+        return 0.0
+    return float((np.minimum(moves.max(axis=0), total) / np.maximum(path, total)).mean())
 
 
 def _unexplained_by_motion(

@@ -31,7 +31,7 @@ OFFICIAL = [
     ("badminton", ["near_back_line", "far_back_line"], 1, 13.40),
     ("badminton", ["left_doubles_sideline", "right_doubles_sideline"], 0, 6.10),
     ("badminton", ["left_singles_sideline", "right_singles_sideline"], 0, 5.18),
-    ("badminton", ["near_long_service_line", "far_long_service_line"], 1, 13.40 - 2 * 0.76 + 2 * 0.04),
+    ("badminton", ["near_long_service_line", "far_long_service_line"], 1, 13.40 - 2 * 0.76),
     ("pickleball", ["near_baseline", "far_baseline"], 1, 44 * 0.3048),
     ("pickleball", ["left_sideline", "right_sideline"], 0, 20 * 0.3048),
     ("pickleball", ["near_kitchen_line", "far_kitchen_line"], 1, 14 * 0.3048),
@@ -155,11 +155,13 @@ def test_a_shuttle_does_not_bounce():
     assert ball.friction is None
 
 
-def test_loading_a_scene_reads_neither_torch_nor_parquet():
-    code = "import sys, pgm_data.scene as s; s.load_scene('blocks'); print([m for m in ('torch', 'pyarrow', 'cv2', 'jsonschema') if m in sys.modules])"
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=Path(__file__).parent.parent
+def test_loading_a_scene_imports_nothing_heavy():
+    code = (
+        "import sys, pgm_data.scene as scene; scene.load_scene('blocks');"
+        "print(sorted({'torch', 'pyarrow', 'cv2', 'jsonschema', 'casadi'} & set(sys.modules)))"
     )
+    root = Path(__file__).parent.parent
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=root)
     assert done.stdout.strip() == "[]"
 
 
@@ -283,7 +285,8 @@ def test_skeletons_stand_on_the_ground_and_are_as_tall_as_a_person(name):
     position = np.zeros((len(skeleton.parents), 3))
     for joint, parent in enumerate(skeleton.parents):
         position[joint] = skeleton.rest_translations[joint] + (position[parent] if parent >= 0 else 0)
-    assert -0.05 < position[:, 1].min() < 0.1
+    lowest = 0.38 if name == "blocks13" else 0.0  # its legs end at joints that are knees
+    assert position[:, 1].min() == pytest.approx(lowest, abs=0.05)
     assert 1.3 < position[:, 1].max() < 1.8
     for joint, joint_name in enumerate(skeleton.joint_names):
         if joint_name.startswith("L_"):

@@ -257,6 +257,8 @@ def _check_clip(folder: Path, findings: _Findings) -> _Clip:
     for table, columns in keys.items():
         if "camera" in keys and table != "camera":
             findings.add(folder / f"{table}.parquet", _misaligned(columns, keys["camera"]))
+    if document is not None and "solved_share" in document and "camera.status" in tables.get("camera", {}):
+        findings.add(folder / "clip.json", _unsolved(document["solved_share"], tables["camera"]["camera.status"]))
     if "events" in tables and "ball_shots" in tables:
         findings.add(folder / "ball_shots.parquet", _missing_events(tables["ball_shots"], tables["events"]))
     return _Clip(document=document, keys=keys.get("camera", {}))
@@ -294,6 +296,13 @@ def _misaligned(columns: dict[str, np.ndarray], camera: dict[str, np.ndarray]) -
         if len(bad):
             expected = f"{as_text(theirs[bad[0]])} in row {bad[0]}, as in camera.parquet"
             yield Fault(field=name, expected=expected, found=as_text(ours[bad[0]]))
+
+
+def _unsolved(solved_share: float, status: np.ndarray) -> Iterator[Fault]:
+    share = float(np.mean(status != "none")) if len(status) else 0.0
+    if abs(share - solved_share) > 1e-6:
+        expected = f"{share:.9g}, the share of frames with a camera in camera.parquet"
+        yield Fault(field="solved_share", expected=expected, found=f"{solved_share:.9g}")
 
 
 def _missing_events(flights: dict[str, np.ndarray], events: dict[str, np.ndarray]) -> Iterator[Fault]:

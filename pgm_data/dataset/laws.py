@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pgm_data.dataset.columns import KEYS, Column
-from pgm_data.dataset.document_schemas import SOURCE_PATH
+from pgm_data.dataset.document_schemas import PATTERN_WORDS, SOURCE_PATH
 from pgm_data.dataset.documents import Fault
 from pgm_data.scene import Scene
 
@@ -180,9 +180,8 @@ def shots_faults(columns: Columns) -> Iterator[Fault]:
         return
     video, frame, clip = columns["video"], columns["video_frame"], columns["clip_id"]
     in_clip = columns["verdict"] == "clip"
-    unsafe = np.array([re.match(SOURCE_PATH, name) is None for name in video], dtype=bool)
-    expected = "a relative path with forward slashes and at most one leading .."
-    yield from rows_fault("video", unsafe, expected, video)
+    safe = [name for name in set(video) if re.match(SOURCE_PATH, name)]
+    yield from rows_fault("video", not_among(video, safe), PATTERN_WORDS[SOURCE_PATH], video)
     yield from rows_fault("clip_id", in_clip & (clip == ""), "a clip, since the verdict is clip", clip)
     yield from rows_fault("clip_id", ~in_clip & (clip != ""), "nothing, since the verdict is not clip", clip)
     yield from rows_fault("reason", ~in_clip & (columns["reason"] == ""), "why the verdict is not clip", clip)

@@ -33,6 +33,8 @@ class RidgeOptions:
     """Share of a line's width that is tried where the full width explains a profile badly."""
     worn_fit: float = 0.97
     """Below this share of explained variance the narrower line is tried."""
+    most_two_tone: float = 2.0
+    """Most difference of the two sides, over the contrast: beyond it a line is an edge between colours."""
     least_fit: float = 0.55
     """Least share of a profile's variance that the line's model explains."""
 
@@ -61,6 +63,8 @@ class Ridges:
     """Its standard deviation from the profile's noise."""
     contrast: Float[np.ndarray, " samples"]
     """Brightness above the sides, grey levels; NaN where there is no line."""
+    two_tone: Float[np.ndarray, " samples"]
+    """Difference of the court on the line's two sides, over the line's contrast."""
     readable: Bool[np.ndarray, " samples"]
     """Whether the whole profile lies inside the picture."""
 
@@ -80,7 +84,7 @@ def measure_ridges(
     count = len(pixels)
     if count == 0:
         empty = np.zeros(0)
-        return Ridges(offset_px=empty, sigma_px=empty, contrast=empty, readable=np.zeros(0, bool))
+        return Ridges(offset_px=empty, sigma_px=empty, contrast=empty, two_tone=empty, readable=np.zeros(0, bool))
     x = _places(widths_px, options)
     profiles = _profiles(luma, pixels, normals, x, options)
     height, width = luma.shape
@@ -104,10 +108,11 @@ def measure_ridges(
         & (np.abs(offset) <= options.search_px + 0.5)
         & (contrast > options.least_contrast)
         & (fit > options.least_fit)
+        & (fine.two_tone < options.most_two_tone)
         & np.isfinite(sigma)
     )
     nan = np.where(found, 0.0, np.nan)
-    return Ridges(offset_px=offset + nan, sigma_px=sigma + nan, contrast=contrast + nan, readable=readable)
+    return Ridges(offset_px=offset + nan, sigma_px=sigma + nan, contrast=contrast + nan, two_tone=fine.two_tone, readable=readable)
 
 
 BLURS = (0.35, 0.5, 0.65, 0.8, 1.0, 1.25, 1.6, 2.1)

@@ -64,11 +64,11 @@ class ClipFitOptions:
 
     crooked_px: float = 0.3
     """First guess of the lines' shifts and tilts, pixels."""
-    typical_crooked_px: float = 0.06
+    typical_crooked_px: float = 0.01
     """What the estimate leans to where the data say little, pixels."""
     crooked_weight: float = 2.0
     """How many coefficients' worth that leaning weighs."""
-    least_crooked_px: float = 0.01
+    least_crooked_px: float = 0.003
     """Their estimate never falls below this, pixels."""
     cut: float = 4.0
     """Residuals beyond this many robust standard deviations count for nothing."""
@@ -82,7 +82,7 @@ class ClipFitOptions:
 
 def fit_clip(
     camera: CourtCamera, sightings: Sightings, *, shared: tuple[int, ...], lines: int, options: ClipFitOptions,
-    simpler: ClipFit | None = None,
+    simpler: ClipFit | None = None, richer: ClipFit | None = None,
 ) -> ClipFit:
     """One centre and lens for all frames, with each frame's own rotation and focal length.
 
@@ -96,6 +96,8 @@ def fit_clip(
         lines: Number of court lines.
         options: How.
         simpler: A fit of the same sightings with fewer free columns, to start from.
+        richer: A fit with more free columns, whose noise and crookedness are taken as known: without that, lines would
+            pass for as crooked as a missing lens term makes them look, and the two could not be compared.
     """
     frames = len(camera.focal_px)
     camera = replace(
@@ -109,14 +111,16 @@ def fit_clip(
     crooked, noise, damping = options.crooked_px, 1.0, 1e-4
     if simpler is not None:
         shifts, crooked = simpler.shifts_px.copy(), simpler.crooked_px
+    if richer is not None:
+        crooked, noise = richer.crooked_px, richer.noise
     last, cost = np.inf, np.inf
     weak = options.crooked_weight
     information = np.eye(len(shared) + len(shifts))
-    spread_of = np.repeat(COURSE, lines)
     for _ in range(options.steps):
         sigma = np.hypot(sightings.sigma_px, BEND * crooked)
         r, _ = residuals(camera, sightings)
-        noise = float(np.sqrt(np.mean(residual_scale(r + problem.extra @ shifts, sigma) ** 2)))
+        if richer is None:
+            noise = float(np.sqrt(np.mean(residual_scale(r + problem.extra @ shifts, sigma) ** 2)))
         cost = problem.cost(camera, shifts, sigma, noise, crooked)
         information, solve = problem.linearise(camera, shifts, sigma, noise, crooked)
         for _ in range(8):  # Damp until a step goes downhill; weights and variances stay as they are meanwhile.
@@ -131,11 +135,12 @@ def fit_clip(
         # Expectation-maximisation of the shifts' variance: what they are, and how unsure they are.
         k = len(shared)
         # (MacKay's fixed point: their sum of squares over the number of them that the data determine.)
-        determined = np.sum(1 - np.diag(spread)[k:] / (spread_of * crooked) ** 2)
-        squares = np.sum((shifts / spread_of) ** 2)
-        found = np.sqrt((squares + weak * options.typical_crooked_px**2) / (max(determined, 0.0) + weak))
-        crooked = float(np.clip(found, crooked / 3, crooked * 3))
-        crooked = max(crooked, options.least_crooked_px)
+        if richer is None:
+            own_std = problem.course_std(crooked)
+            determined = np.sum(1 - np.diag(spread)[k:] / own_std**2)
+            squares = np.sum((shifts / own_std) ** 2) * crooked**2
+            found = np.sqrt((squares + weak * options.typical_crooked_px**2) / (max(determined, 0.0) + weak))
+            crooked = float(np.clip(found, max(crooked / 3, options.least_crooked_px), crooked * 3))
         if abs(last - cost) < 0.05:
             break
         last = cost
@@ -154,7 +159,12 @@ class _Problem:
     ) -> None:
         self.sightings, self.options, self.own = sightings, options, list(shared)
         self.extra = crooked_columns(sightings, lines, len(COURSE) - 1)
-        self.spread_of = np.repeat(COURSE, lines)
+        self.shape = np.repeat(COURSE, lines)
+        self.bias = np.zeros(len(self.shape))
+        for line in range(lines):  # The shared error shifts and tilts a line; it does not bend it.
+            rows = sightings.line == line
+            if rows.any():
+                self.bias[[line, lines + line]] = np.median(sightings.bias_px[rows])
         self.real = np.isfinite(sightings.sigma_px)
         self.middle = camera.principal_px[0].copy()
         width = 2 * self.middle[0] + 1
@@ -162,6 +172,10 @@ class _Problem:
         mean[RADIAL], std[RADIAL] = options.radial_prior
         mean[PRINCIPAL], std[PRINCIPAL] = self.middle, options.principal_prior_per_width * width
         self.mean, self.precision = mean[self.own], 1 / std[self.own] ** 2
+
+    def course_std(self, crooked: float) -> np.ndarray:
+        """Prior standard deviations of the lines' course coefficients, pixels."""
+        return np.hypot(crooked * self.shape, self.bias)
 
     def log_volume(self, information: np.ndarray) -> float:
         """Log of prior over posterior volume of the shared parameters that have a prior."""
@@ -182,7 +196,8 @@ class _Problem:
         # Tukey's loss, whose derivative the weights are.
         loss = cut**2 / 3 * (1 - np.clip(1 - z2, 0, 1) ** 3)
         data = np.where(self.real, loss + 2 * np.log(np.where(self.real, sigma * noise, 1.0)), 0.0).sum()
-        prior = ((shifts / self.spread_of) ** 2).sum() / crooked**2 + 2 * len(shifts) * np.log(crooked)
+        std = self.course_std(crooked)
+        prior = ((shifts / std) ** 2).sum() + 2 * np.log(std).sum()
         return float(data + prior + (self.precision * self.off_prior(camera) ** 2).sum())
 
     def linearise(
@@ -199,7 +214,7 @@ class _Problem:
         turn_J = J[..., turn]
         turn_Jt, own_Jt = np.swapaxes(turn_J, -1, -2) * w[..., None, :], np.swapaxes(own_J, -1, -2) * w[..., None, :]
         B, E, g_turn = turn_Jt @ turn_J, turn_Jt @ own_J, turn_Jt @ r[..., None]
-        precision = np.concatenate([self.precision, 1 / (crooked * self.spread_of) ** 2])
+        precision = np.concatenate([self.precision, 1 / self.course_std(crooked) ** 2])
         D = (own_Jt @ own_J).sum(axis=0) + np.diag(precision)
         g_own = (own_Jt @ r[..., None])[..., 0].sum(axis=0) + precision * np.concatenate([self.off_prior(camera), shifts])
 

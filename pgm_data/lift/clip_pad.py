@@ -22,4 +22,5 @@ def padded(rows: Iterable[Sightings], most: int) -> Sightings:
         sigma_px=np.stack([pad(p.sigma_px, np.inf) for p in parts]),
         line=np.stack([pad(p.line, -1) for p in parts]),
         along=np.stack([pad(p.along, 0.0) for p in parts]),
+        bias_px=np.stack([pad(p.bias_px, 0.0) for p in parts]),
     )

@@ -21,6 +21,8 @@ class LensOptions:
 
     least_gain: float = 6.0
     """Least drop of minus twice the log evidence that frees a parameter (6 is odds of 20 to 1)."""
+    least_gain_principal: float = 12.0
+    """The same for the principal point, which is off-centre in cropped recordings only."""
     views: int = 24
     """Most distinct views that the shared solution rests on."""
     view_apart: float = 0.004
@@ -63,28 +65,32 @@ def solve_shared(
     width = 2 * camera.principal_px[0, 0] + 1
     groups = group_views(own.camera, court.points_world, apart_px=lens.view_apart * width, most=lens.views)
     camera, sightings = condense(own, sightings, groups)
-    pinhole = fit_clip(
-        replace(camera, radial=np.zeros_like(camera.radial)), sightings, shared=CENTRE_ONLY, lines=lines, options=fit_options
-    )
     radial = fit_clip(camera, sightings, shared=WITH_RADIAL, lines=lines, options=fit_options)
+    straight = replace(radial.fit.camera, radial=np.zeros_like(radial.fit.camera.radial))
+    pinhole = fit_clip(straight, sightings, shared=CENTRE_ONLY, lines=lines, options=fit_options, richer=radial)
     gain = pinhole.evidence - radial.evidence
     value = float(radial.fit.camera.radial[0])
     if not gain > lens.least_gain:
-        text = f"a radial term gains {gain:.0f}, {lens.least_gain:.0f} wanted: none fitted"
+        pinhole = fit_clip(straight, sightings, shared=CENTRE_ONLY, lines=lines, options=fit_options)
+        text = f"a radial term of {value:.4f} gains {gain:.0f}, {lens.least_gain:.0f} wanted: none fitted"
         return ClipSolution(clip_fit=pinhole, lens_model="pinhole", evidence=text)
     text = f"radial term {value:.4f} gains {gain:.0f}, {lens.least_gain:.0f} wanted"
     if lens.try_principal:
         moved = fit_clip(
             radial.fit.camera, sightings, shared=WITH_PRINCIPAL, lines=lines, options=fit_options, simpler=radial
         )
-        gain = radial.evidence - moved.evidence
+        compared = fit_clip(
+            radial.fit.camera, sightings, shared=WITH_RADIAL, lines=lines, options=fit_options, richer=moved
+        )
+        gain = compared.evidence - moved.evidence
         shift = moved.fit.camera.principal_px[0] - camera.principal_px[0]
         told = f"principal point shifted by ({shift[0]:.0f}, {shift[1]:.0f}) px gains {gain:.0f}"
-        if gain > lens.least_gain:
+        if gain > lens.least_gain_principal:
             return ClipSolution(
-                clip_fit=moved, lens_model="radial and principal point", evidence=f"{text}; {told}, {lens.least_gain:.0f} wanted"
+                clip_fit=moved, lens_model="radial and principal point",
+                evidence=f"{text}; {told}, {lens.least_gain_principal:.0f} wanted",
             )
-        text += f"; {told}: left at the centre"
+        text += f"; {told}, {lens.least_gain_principal:.0f} wanted: left at the centre"
     return ClipSolution(clip_fit=radial, lens_model="radial", evidence=text)
 
 

@@ -42,9 +42,9 @@ class CourtCamera:
         return replace(
             self,
             R_cam_from_world=self.R_cam_from_world[index],
-            focal_px=self.focal_px[index],
+            focal_px=np.asarray(self.focal_px[index]),
             position_world=self.position_world[index],
-            radial=self.radial[index],
+            radial=np.asarray(self.radial[index]),
             principal_px=self.principal_px[index],
         )
 
@@ -81,9 +81,9 @@ def step(camera: CourtCamera, delta: Float[np.ndarray, "*batch 10"]) -> CourtCam
     return replace(
         camera,
         R_cam_from_world=rotation_from_rotvec(delta[..., ROTATION]) @ camera.R_cam_from_world,
-        focal_px=camera.focal_px * np.exp(delta[..., 3]),
+        focal_px=np.asarray(camera.focal_px * np.exp(delta[..., 3])),
         position_world=camera.position_world + delta[..., CENTRE],
-        radial=camera.radial + delta[..., 7],
+        radial=np.asarray(camera.radial + delta[..., 7]),
         principal_px=camera.principal_px + delta[..., PRINCIPAL],
     )
 

@@ -34,7 +34,7 @@ def focal_of_homography(
     shift = np.eye(3)
     shift[:2, 2] = -principal_px
     H = shift @ pixel_from_ground
-    H = H / np.linalg.norm(H[..., 2, :2], axis=-1)[..., None, None]
+    H = H / np.linalg.norm(H, axis=(-2, -1))[..., None, None]
     h1, h2 = H[..., 0], H[..., 1]
     a = np.stack([(h1[..., :2] ** 2).sum(-1) - (h2[..., :2] ** 2).sum(-1), 2 * (h1[..., :2] * h2[..., :2]).sum(-1)], -1)
     b = np.stack([h2[..., 2] ** 2 - h1[..., 2] ** 2, -2 * h1[..., 2] * h2[..., 2]], -1)

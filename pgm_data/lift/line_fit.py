@@ -45,10 +45,12 @@ class Sightings:
     """Index of the court line; -1 for points."""
     along: Float[np.ndarray, "*batch rows"]
     """Place on the line, -1 at its first end and 1 at its last; 0 for points."""
+    bias_px: Float[np.ndarray, "*batch rows"]
+    """Standard deviation of an error that all rows of the line share, in all frames."""
 
     def __post_init__(self) -> None:
         """Keep read-only copies."""
-        for name in ("points_world", "measured_px", "normals", "sigma_px", "along"):
+        for name in ("points_world", "measured_px", "normals", "sigma_px", "along", "bias_px"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
         object.__setattr__(self, "line", frozen(self.line, np.int64))
 
@@ -57,6 +59,7 @@ class Sightings:
         return Sightings(
             points_world=self.points_world[index], measured_px=self.measured_px[index], normals=self.normals[index],
             sigma_px=self.sigma_px[index], line=self.line[index], along=self.along[index],
+            bias_px=self.bias_px[index],
         )
 
 
@@ -88,7 +91,7 @@ def robust_weights(r: np.ndarray, sigma: np.ndarray, scale: np.ndarray, cut: flo
     return np.where(inside, (1 - np.where(inside, z, 0.0) ** 2) ** 2, 0.0) / (sigma * scale[..., None]) ** 2
 
 
-def residual_scale(r: np.ndarray, sigma: np.ndarray, floor: float = 0.2) -> np.ndarray:
+def residual_scale(r: np.ndarray, sigma: np.ndarray, floor: float = 0.2) -> np.ndarray | np.floating:
     """How many stated standard deviations the residuals really spread over (1.48 MAD), at least the floor."""
     z = np.where(np.isfinite(sigma) & np.isfinite(r), np.abs(r) / np.where(np.isfinite(sigma), sigma, 1.0), np.nan)
     some = np.isfinite(z).any(axis=-1)

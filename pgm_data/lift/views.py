@@ -84,4 +84,5 @@ def _averaged(fit: Fit, sightings: Sightings, group: np.ndarray, reference: Cour
     return Sightings(
         points_world=world, measured_px=pixels - normals * residual[:, None], normals=normals, sigma_px=fresh,
         line=np.where(unique >= 0, unique // BINS, -1), along=mean(sightings.along[group][good]),
+        bias_px=mean(sightings.bias_px[group][good]),
     )

@@ -109,7 +109,7 @@ def simulate_clip(scene: Scene, options: ClipOptions, seed: int) -> SimulatedCli
 
     def draw() -> Iterator[np.ndarray]:
         rng = np.random.default_rng([seed, 1])
-        props = draw_props(rng, scene, *size)
+        props = draw_props(rng, scene, *size, count=3)
         canvas = Canvas(*size, fine=options.quality == "full")
         others = [s.court for s in props.others if s.court is not None]
         args = (scene, others, props.textures, props.cast, base.centre_world)

@@ -76,7 +76,7 @@ def draw_finish(rng: np.random.Generator, width: int, height: int, *, hard: bool
         shrink=float(rng.uniform(1.2, 2.2)) if hard and rng.random() < 0.12 else 1.0,
         sharpen=float(rng.uniform(0.2, 1.3)) if rng.random() < 0.4 else 0.0,
         noise=float(1.0 + (11.0 if hard else 3.0) * rng.random() ** 2.5) if rng.random() < 0.45 else 0.0,
-        noise_kind=int(rng.integers(0, 4)),
+        noise_kind=int(rng.integers(0, 3)),
         vignette=float(rng.uniform(0.1, 0.6)) if rng.random() < 0.12 else 0.0,
         jpeg=int(rng.integers(25, 90)) if hard and rng.random() < 0.35 else 0,
         bars=(0, 0),

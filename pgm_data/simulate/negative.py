@@ -32,12 +32,12 @@ class Props:
     """Scenes whose courts may be drawn where the scene's own must not be seen."""
 
 
-def draw_props(rng: np.random.Generator, scene: Scene, width: int, height: int) -> Props:
-    """New props for pictures of this scene and size."""
+def draw_props(rng: np.random.Generator, scene: Scene, width: int, height: int, *, count: int = 12) -> Props:
+    """New props for pictures of this scene and size; `count` crowds, and of the rest in proportion."""
     courts = (load_scene(name) for name in scene_names() if name != scene.name)
     return Props(
-        textures=draw_textures(rng, (height, width)),
-        cast=draw_cast(rng),
+        textures=draw_textures(rng, (height, width), count),
+        cast=draw_cast(rng, 4 * count),
         canvas=Canvas(width, height),
         scene=scene,
         others=tuple(s for s in courts if s.court is not None),

@@ -53,7 +53,7 @@ def draw_textures(rng: np.random.Generator, grain_shape: tuple[int, int], count:
         foliage=tuple(_foliage(rng) for _ in range(count)),
         hoardings=tuple(_hoarding(rng) for _ in range(3 * count)),
         words=tuple(_word(rng) for _ in range(4 * count)),
-        grain=tuple(_grain(rng, grain_shape, soft) for soft in (0.0, 0.0, 0.6, 0.9)),
+        grain=tuple(_grain(rng, grain_shape, soft) for soft in (0.0, 0.6, 0.9)),
     )
 
 

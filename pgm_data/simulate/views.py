@@ -113,7 +113,7 @@ def focal_for_span(court: Court, centre_world: np.ndarray, aim_world: np.ndarray
 
 
 def broadcast_pose(rng: np.random.Generator, court: Court, size: tuple[int, int], *, cropped: bool = False) -> Pose:
-    """The main camera of a match: behind the near end, high, on the long axis; it sees most of the court's crossings."""
+    """The main camera of a match: behind the near end, high, on the long axis; most crossings are seen."""
     scale = court_scale(court)
     while True:
         centre = scale * np.array([rng.normal(0, 0.4), -rng.uniform(29.0, 53.0), rng.uniform(6.0, 14.0)])

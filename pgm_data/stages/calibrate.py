@@ -4,6 +4,7 @@ import hashlib
 import os
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -139,17 +140,19 @@ def calibrate_video(
     network = _network(scene.court, options.network)
     shots: list[ShotCameras] = []
     rows, unused = _ShotRows(), set(marks)
-    with open_video(video, threads=threads, fast=effort.fast_decode) as reader:
+    with open_video(video, threads=threads, fast=effort.fast_decode) as reader, ExitStack() as spools:
         info = reader.info
         size = (info.width, info.height)
         finder = CourtFinder(scene.court, network=network, size=size, marks=marks, lines_every=effort.lines_every)
 
         def tracker() -> ShotTracker:
-            return ShotTracker(
+            made = ShotTracker(
                 court=court, fixed_centre=scene.camera_position == "fixed", size=size, search=effort.search,
                 trust=TrustOptions(), track=effort.track, lens=LensOptions(), find=finder, marks=marks,
                 spool_folder=work,
             )
+            spools.callback(made.spool.close)
+            return made
 
         court = scene.court
         current: ShotTracker | None = None
@@ -172,7 +175,7 @@ def calibrate_video(
                 )
             rows.add(marked)
             if frame.video_frame % 50 == 49:
-                report({"frames": frame.video_frame + 1, "progress": frame.video_frame + 1, "total": info.claimed_frames})
+                report({"progress": frame.video_frame + 1, "total": info.claimed_frames})
         if current is not None:
             shots.append(current.finish())
         trouble = "; ".join(filter(None, [reader.trouble, _unused_marks(unused, len(rows.video_frame))]))
@@ -228,8 +231,8 @@ def _unused_marks(frames: set[int], decoded: int) -> str:
     """What is wrong with marked frames that no shot has; empty for none."""
     if not frames:
         return ""
-    listed = ", ".join(str(frame) for frame in sorted(frames)[:5])
-    return f"keypoints: expected frames of its shots, {decoded} decoded, got {listed}{' ...' if len(frames) > 5 else ''}"
+    listed = ", ".join(str(frame) for frame in sorted(frames)[:5]) + (" ..." if len(frames) > 5 else "")
+    return f"keypoints: expected frames of its shots ({decoded} frames decoded), got {listed}"
 
 
 def _marks_of(video: Path, path: Path, court: Court) -> dict[int, Marks]:
@@ -272,7 +275,8 @@ class _ShotRows:
         """Write the video's part of `shots.parquet`."""
         columns = {
             "video": [video] * len(self.video_frame), "video_frame": np.array(self.video_frame, dtype=np.int64),
-            "timestamp": np.array(self.timestamp), "verdict": self.verdict, "reason": self.reason, "clip_id": self.clip_id,
+            "timestamp": np.array(self.timestamp), "verdict": self.verdict, "reason": self.reason,
+            "clip_id": self.clip_id,
         }
         write_table(path, table="shots", scene=scene, columns=columns)
 
@@ -292,9 +296,9 @@ def _write_clip(folder: Path, shot: ShotCameras, document: dict[str, Any], *, sc
     folder.mkdir()
     track = ClipCamera(
         clip_id=folder.name, video_frame=shot.video_frame, timestamp=shot.timestamp, is_duplicate=shot.is_duplicate,
-        capture_time=capture_times(shot.timestamp, shot.is_duplicate), camera=shot.camera.as_camera(), status=shot.status,
-        reason=shot.reason, inliers=shot.inliers.astype(np.int32), reprojection_px=shot.reprojection_px,
-        position_cov=shot.position_cov, focal_std_px=shot.focal_std_px,
+        capture_time=capture_times(shot.timestamp, shot.is_duplicate), camera=shot.camera.as_camera(),
+        status=shot.status, reason=shot.reason, inliers=shot.inliers.astype(np.int32),
+        reprojection_px=shot.reprojection_px, position_cov=shot.position_cov, focal_std_px=shot.focal_std_px,
     )
     write_clip_camera(folder, track, scene=scene)
     write_document(folder / "clip.json", "clip", document)

@@ -16,6 +16,11 @@ from pgm_data.lift.plausible import TrustOptions, camera_trust, fit_support, fra
 
 SIGMA_FLOOR_PX = 0.05
 """No line is measured better than this, pixels."""
+TWO_TONE_BIAS = (0.06, 0.3)
+"""Shared error of a line between two court colours, pixels per unit of two-tone: for lines wide enough that the
+place where the colour changes was fitted, and for narrower ones."""
+SPILL_WIDTH_PX = 1.5
+"""Least width at which that place is fitted."""
 TYPICAL_RADIAL = (0.02, 0.025)
 """Mean and standard deviation of the radial term of broadcast lenses."""
 
@@ -95,6 +100,7 @@ def observe(
         sigma_px=np.hypot(ridges.sigma_px[good], SIGMA_FLOOR_PX),
         line=samples.line[good],
         along=samples.along[good],
+        bias_px=(ridges.two_tone * np.where(samples.widths_px > SPILL_WIDTH_PX, *TWO_TONE_BIAS))[good],
     )
     readable = line_counts(samples.line, lines, ridges.readable)
     return Observation(samples=samples, sightings=sightings, readable=readable, look=look)

@@ -27,8 +27,8 @@ from pgm_data.lift.line_fit import FREE_LENS, FREE_POSE, TURN, Sightings, fit_tr
 from pgm_data.lift.plausible import TrustOptions, camera_trust, frame_trust, line_counts
 from pgm_data.stages.court_search import SearchOptions, Sight, best_sight, judged, observe, settle
 
-COLUMNS = 10
-"""Numbers spooled per sighting: world point 3, pixel 2, normal 2, sigma, line, place on the line."""
+COLUMNS = 11
+"""Numbers spooled per sighting: world point 3, pixel 2, normal 2, sigma, line, place on the line, shared error."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,7 +99,7 @@ class Spool:
         """Keep one frame's sightings (the first `rows` of them); returns their place."""
         parts = [
             sightings.points_world, sightings.measured_px, sightings.normals, sightings.sigma_px[:, None],
-            sightings.line[:, None], sightings.along[:, None],
+            sightings.line[:, None], sightings.along[:, None], sightings.bias_px[:, None],
         ]
         table = np.full((self.rows, COLUMNS), np.nan, np.float32)
         values = np.concatenate(parts, axis=1)[: self.rows]
@@ -123,6 +123,7 @@ class Spool:
             points_world=table[..., :3], measured_px=table[..., 3:5], normals=table[..., 5:7],
             sigma_px=np.where(real, table[..., 7], np.inf),
             line=np.where(real, table[..., 8], -1).astype(np.int64), along=table[..., 9],
+            bias_px=table[..., 10],
         )
 
     def close(self) -> None:
@@ -418,7 +419,7 @@ def _point_sightings(marks: Marks, sigma_px: float) -> Sightings:
     return Sightings(
         points_world=np.repeat(marks.points_world, 2, axis=0), measured_px=np.repeat(marks.pixels, 2, axis=0),
         normals=np.tile(np.eye(2), (count, 1)), sigma_px=np.full(2 * count, sigma_px),
-        line=np.full(2 * count, -1), along=np.zeros(2 * count),
+        line=np.full(2 * count, -1), along=np.zeros(2 * count), bias_px=np.zeros(2 * count),
     )
 
 
@@ -426,7 +427,7 @@ def _joined(a: Sightings, b: Sightings) -> Sightings:
     return Sightings(
         **{
             name: np.concatenate([getattr(a, name), getattr(b, name)])
-            for name in ("points_world", "measured_px", "normals", "sigma_px", "line", "along")
+            for name in ("points_world", "measured_px", "normals", "sigma_px", "line", "along", "bias_px")
         }
     )
 

@@ -108,8 +108,12 @@ class Converter:
     def to_array(self, frame: av.VideoFrame, width: int, height: int, pixel_format: str) -> np.ndarray:
         """The stored picture in that size and format; the first plane only where luma is asked by a planar format."""
         reformatter = self._reformatters.setdefault((width, height, pixel_format), VideoReformatter())
+        scaling = Interpolation.AREA
+        if (width, height) != (frame.width, frame.height):
+            # Otherwise two neighbouring pixels of the small picture share one colour.
+            scaling |= Interpolation.FULL_CHR_H_INT
         converted = reformatter.reformat(
-            frame, width=width, height=height, format=pixel_format, interpolation=Interpolation.AREA, threads=1
+            frame, width=width, height=height, format=pixel_format, interpolation=scaling, threads=1
         )
         return converted.to_ndarray() if pixel_format == "bgr24" else _first_plane(converted)
 

@@ -214,15 +214,13 @@ def _read_container(path: Path, container: InputContainer, threads: int, fast: b
 
 def _open_still(path: Path) -> VideoReader:
     """A reader of one picture, at time 0."""
-    data = path.read_bytes()
-    bgr = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
+    bgr = cv2.imread(str(path), cv2.IMREAD_COLOR)
     if bgr is None:
-        raise VideoError(path, "a picture", f"{len(data)} bytes that do not decode")
+        raise VideoError(path, "a picture", f"{path.stat().st_size} bytes that do not decode")
     notes = _Notes()
-    # A cut JPEG decodes with its lower part grey: its end marker is missing. Same for the last chunk of a PNG.
-    if (data[:2] == b"\xff\xd8" and data.rfind(b"\xff\xd9") < data.rfind(b"\xff\xda")) or (
-        data[:4] == b"\x89PNG" and b"IEND" not in data[-4096:]
-    ):
+    data = path.read_bytes()
+    if data.startswith(b"\xff\xd8") and data.rfind(b"\xff\xd9") < data.rfind(b"\xff\xda"):
+        # A JPEG without its end marker: what is missing below was filled with grey.
         notes.add("cut", "frame 0: the picture file ends early, part of the picture is missing")
     height, width = bgr.shape[:2]
     info = VideoInfo(

@@ -58,9 +58,10 @@ def write_video(
         options["bf"] = "0"
     count = 0
     try:
-        # The index goes to the front, where a cut download still finds it.
-        front = {"movflags": "+faststart"} if path.suffix.lower() in (".mp4", ".mov", ".m4v") else {}
-        with av.open(f"file:{part}", "w", options=front) as container:
+        # The index goes to the front, where a cut download still finds it; the start is kept as finely as the steps.
+        layout = {"movflags": "+faststart", "movie_timescale": str(TIME_BASE.denominator)}
+        is_mp4 = path.suffix.lower() in (".mp4", ".mov", ".m4v")
+        with av.open(f"file:{part}", "w", options=layout if is_mp4 else {}) as container:
             stream: av.VideoStream | None = None
             size = (0, 0)
             for count, picture in enumerate(frames, 1):

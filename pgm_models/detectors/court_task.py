@@ -195,7 +195,9 @@ class CourtTask(Task):
         return loss, {"points": points.detach(), "line": painted.detach()}
 
     def validate(self, network: nn.Module) -> dict[str, float]:
-        """Errors in pixels of the held-out pictures, and how scores tell present points from absent ones."""
+        """Errors in pixels of the held-out pictures and how scores mislead; nothing where no picture is held out."""
+        if not self._held_out:
+            return {}
         return figures_of(predict(network, [clip.frame(f) for clip, f in self._held_out], self._order))
 
 
@@ -227,7 +229,7 @@ def point_loss(
     counted: Tensor,
     sigma: float,
 ) -> Tensor:
-    """Divergence of the predicted places from a Gaussian at the true cell, or from absence; mean over counted points."""
+    """Divergence of the predicted places from a Gaussian at the true cell or from absence; mean of counted points."""
     rows, columns = maps.shape[2:]
     x = torch.softmax(-0.5 * ((torch.arange(columns) - cells[..., :1]) / sigma) ** 2, dim=-1)
     y = torch.softmax(-0.5 * ((torch.arange(rows) - cells[..., 1:]) / sigma) ** 2, dim=-1)

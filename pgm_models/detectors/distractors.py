@@ -52,7 +52,7 @@ def draw_other_court(
 
 
 def outline(seen: CourtFrame) -> np.ndarray | None:
-    """Pixels of the four outer corners (near left, near right, far right, far left), or None where they are not seen."""
+    """Pixels of the outer corners (near left, near right, far right, far left), or None where they are not seen."""
     ends = seen.lines_px[:, [0, -1]].reshape(-1, 2)
     if not np.isfinite(ends).all() or len(ends) < 4:
         return None

@@ -156,6 +156,7 @@ TABLE_FAULTS = {
     "no error of a measured camera": ("camera", "camera.reprojection_px", put(3, np.nan), "camera.status is measured"),
     "no uncertainty": ("camera", "camera.position_cov", put(3, np.nan), "camera.status is not none"),
     "a covariance that is none": ("camera", "camera.position_cov", put((3, 1), 1.0), "positive semidefinite"),
+    "half a covariance": ("camera", "camera.position_cov", put((3, 2), np.nan), "six numbers, or six NaN"),
     "a negative variance": ("camera", "camera.position_cov", put((3, 0), -1e-4), "positive semidefinite"),
     "a player where there is none": ("players", "player1.joints", put((3, 7), 0.5), "player1.status is none"),
     "a probability above one": ("players", "player0.contact", put((3, 0), 1.5), "player0.status is none"),
@@ -172,6 +173,10 @@ TABLE_FAULTS = {
     "a caption past the end": ("captions", "end_frame", put(1, FRAMES + 1), "0 to 12"),
     "a caption of no frame": ("captions", "end_frame", put(0, 0), "a frame after start_frame"),
     "a caption of nobody": ("captions", "player", put(0, 2), "the index of one of 2"),
+    "an alternative before the main text": ("captions", "alternative", put(0, -1), "at least 0"),
+    "a text that ends before it starts": ("captions", "end_s", put(0, -1.0), "at least start_s"),
+    "a flight from before the first event": ("ball_shots", "start_event", put(0, -1), "at least 0"),
+    "a flight that ends where it starts": ("ball_shots", "end_event", put(0, 0), "an event after start_event"),
     "a caption without words": ("captions", "text", put(0, "  "), "words"),
 }
 
@@ -205,6 +210,24 @@ def test_values_where_nothing_was_solved_are_judged_by_their_status_only(work):
     for quality in ("truth", "imported"):
         with_document(work / CLIP / "clip.json", quality=quality)
         assert check_paths([work]) == []
+
+
+PLAYER_FAULTS = {
+    "player0.box_px": (np.array([30.0, 10, 20, 40]), "x0 < x1"),
+    "player0.contact": (np.array([0.5, 1.5]), "a probability"),
+    "player0.root_cov": (np.array([1.0, 0, 0, -1, 0, 1]), "positive semidefinite"),
+    "player0.reprojection_px": (-1.0, "at least 0"),
+}
+
+
+@pytest.mark.parametrize("column", PLAYER_FAULTS)
+def test_a_player_who_is_there_is_judged_by_physics(work, column):
+    value, expected = PLAYER_FAULTS[column]
+    path = work / CLIP / "players.parquet"
+    rewrite(path, with_values("player0.status", put(3, "measured")))
+    assert check_paths([work]) == []
+    rewrite(path, with_values(column, put(3, value)))
+    assert expected in only(check_paths([work]), path, column).expected
 
 
 def test_a_camera_may_stand_below_the_origin_where_there_is_no_court(tmp_path):
@@ -528,8 +551,10 @@ DOCUMENT_FAULTS = {
     "a box inside out": ({"ui_boxes_px": [[10, 10, 5, 20]]}, "ui_boxes_px[0]"),
     "a player of no object": ({"players": {"player9": {}}}, "players.player9"),
     "a share above one": ({"solved_share": 1.2}, "solved_share"),
+    "a share that is not the table's": ({"solved_share": 0.7}, "solved_share"),
     "an empty list for a model": ({"lens_model": []}, "lens_model"),
     "an unlikely hand": ({"players": {"player0": {"handedness": "both"}}}, "players.player0.handedness"),
+    "a negative deviation": ({"camera": {"position_std": [0.1, -0.1, 0.1]}}, "camera.position_std"),
     "a range the wrong way": ({"camera": {"focal_px_range": [3000, 2000]}}, "camera.focal_px_range"),
 }
 

@@ -15,6 +15,8 @@ from tests.dataset.work_folders import camera_columns, shots_columns
 
 SCENE = load_scene("tennis")
 
+COLUMNS = {table: table_columns(table, SCENE) for table in ("camera", "ball", "events", "captions")}
+
 # A parquet string is any text but a lone half of a surrogate pair.
 TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)
 
@@ -22,10 +24,10 @@ TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)
 @st.composite
 def tables(draw) -> tuple[str, dict]:
     """Any table, with any values that its columns can hold: NaN and infinities, both zeros, all bits."""
-    table = draw(st.sampled_from(["camera", "ball", "events", "captions"]))
+    table = draw(st.sampled_from(sorted(COLUMNS)))
     rows = draw(st.integers(0, 4))
     columns: dict = {}
-    for column in table_columns(table, SCENE):
+    for column in COLUMNS[table]:
         if column.type == "string":
             words = st.sampled_from(column.allowed) if column.allowed else TEXTS
             columns[column.name] = draw(st.lists(words, min_size=rows, max_size=rows))

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from jaxtyping import TypeCheckError
 
@@ -21,6 +21,7 @@ from pgm_data.simulate.views import any_view, broadcast_pose, points_in_picture,
 SEEDS = st.integers(0, 2**32 - 1)
 
 
+@settings(max_examples=40)
 @given(SEEDS)
 def test_projects_as_opencv_does(seed: int) -> None:
     rng = np.random.default_rng(seed)

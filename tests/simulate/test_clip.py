@@ -14,7 +14,7 @@ from pgm_data.simulate.views import points_in_picture
 SMALL = ClipOptions(frames=14, width=320, height=180)
 
 
-@pytest.mark.parametrize("scene", ["tennis", "badminton", "pickleball", "tabletennis"])
+@pytest.mark.parametrize("scene", ["tennis", "tabletennis"])
 def test_the_same_seed_draws_the_same_clip_and_another_seed_another(scene: str) -> None:
     options = replace(SMALL, frames=2)
     first, again, other = (simulate_clip(load_scene(scene), options, seed) for seed in (5, 5, 6))
@@ -86,7 +86,7 @@ def test_a_scene_without_a_court_is_refused_with_the_reason() -> None:
 def test_the_mix_depends_on_seed_and_video_and_shows_the_court_in_most_pictures() -> None:
     scene = load_scene("tennis")
     assert scene.court is not None
-    options = MixOptions(pictures=120, per_video=60, width=160, height=90)
+    options = MixOptions(pictures=80, per_video=40, width=160, height=90)
     drawn = list(mix_pictures(scene, options, 1, 0))
     again = list(mix_pictures(scene, replace(options, pictures=3), 1, 0))
     other = next(mix_pictures(scene, options, 1, 1))
@@ -94,7 +94,7 @@ def test_the_mix_depends_on_seed_and_video_and_shows_the_court_in_most_pictures(
         np.testing.assert_array_equal(a, b)
     assert (drawn[0][0] != other[0]).mean() > 0.5
     views = [view for _, view in drawn]
-    assert 1 <= sum(view is None for view in views) <= 18
+    assert 1 <= sum(view is None for view in views) <= 14
     for view in views:
         assert view is None or points_in_picture(scene.court, view, (160, 90)) >= MIN_POINTS
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pgm_data.scene import load_scene
@@ -43,6 +43,7 @@ def _counted(corners_px: np.ndarray, samples: int = 24) -> np.ndarray:
     return inside.reshape(TALL, samples, WIDE, samples).mean(axis=(1, 3))
 
 
+@settings(max_examples=50)
 @given(st.integers(0, 2**32 - 1))
 def test_weights_are_the_shares_of_pixels_inside_even_beyond_the_borders(seed: int) -> None:
     corners = np.random.default_rng(seed).uniform([-8, -8], [WIDE + 8, TALL + 8], (3, 2))
