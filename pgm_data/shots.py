@@ -153,7 +153,8 @@ def _steepness(pictures: Float32[np.ndarray, "frames height width"]) -> float:
     cells, total = cells[:, changed], total[changed]
     moves = np.abs(cells[2:] - cells[:-2])
     path = np.abs(np.diff(cells, axis=0)).sum(axis=0)
-    if np.bincount(moves.argmax(axis=0)).max() > 0.6 * len(total):
+    times = np.bincount(moves.argmax(axis=0), minlength=len(moves))
+    if (times[1:] + times[:-1]).max() > 0.6 * len(total):
         return 0.0
     return float((np.minimum(moves.max(axis=0), total) / np.maximum(path, total)).mean())
 

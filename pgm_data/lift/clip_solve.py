@@ -43,14 +43,17 @@ class ClipSolution:
 
 
 def solve_shared(
-    camera: CourtCamera, sightings: Sightings, *, court: Court, fit_options: ClipFitOptions, lens: LensOptions
+    camera: CourtCamera, sightings: Sightings, *, court: Court, size: tuple[int, int], fit_options: ClipFitOptions,
+    lens: LensOptions,
 ) -> ClipSolution:
     """The shared centre and lens of the chosen frames, with the simplest lens that the data support.
 
     Args:
-        camera: Each frame's camera so far; centre and lens start at their medians.
+        camera: Each frame's camera so far; centre and radial term start at their medians, the principal point at the
+            picture's centre.
         sightings: Each frame's sightings.
         court: The court.
+        size: Picture width and height, pixels.
         fit_options: How the clip is fitted.
         lens: When lens parameters are fitted.
     """
@@ -59,11 +62,10 @@ def solve_shared(
         camera,
         position_world=np.broadcast_to(np.median(camera.position_world, axis=0), (frames, 3)),
         radial=np.full(frames, np.median(camera.radial)),
-        principal_px=np.broadcast_to(np.median(camera.principal_px, axis=0), (frames, 2)),
+        principal_px=np.broadcast_to((np.array(size, dtype=float) - 1) / 2, (frames, 2)),
     )
     own = fit_track(start, sightings, free=TURN, crooked_px=fit_options.crooked_px, lines=lines)
-    width = 2 * camera.principal_px[0, 0] + 1
-    groups = group_views(own.camera, court.points_world, apart_px=lens.view_apart * width, most=lens.views)
+    groups = group_views(own.camera, court.points_world, apart_px=lens.view_apart * size[0], most=lens.views)
     camera, sightings = condense(own, sightings, groups)
     radial = fit_clip(camera, sightings, shared=WITH_RADIAL, lines=lines, options=fit_options)
     straight = replace(radial.fit.camera, radial=np.zeros_like(radial.fit.camera.radial))

@@ -91,13 +91,13 @@ def robust_weights(r: np.ndarray, sigma: np.ndarray, scale: np.ndarray, cut: flo
     return np.where(inside, (1 - np.where(inside, z, 0.0) ** 2) ** 2, 0.0) / (sigma * scale[..., None]) ** 2
 
 
-def residual_scale(r: np.ndarray, sigma: np.ndarray, floor: float = 0.2) -> np.ndarray | np.floating:
+def residual_scale(r: np.ndarray, sigma: np.ndarray, floor: float = 0.2) -> np.ndarray:
     """How many stated standard deviations the residuals really spread over (1.48 MAD), at least the floor."""
     z = np.where(np.isfinite(sigma) & np.isfinite(r), np.abs(r) / np.where(np.isfinite(sigma), sigma, 1.0), np.nan)
     some = np.isfinite(z).any(axis=-1)
     median = np.zeros(z.shape[:-1])
     median[some] = np.nanmedian(z[some], axis=-1)
-    return np.maximum(1.4826 * median, floor)
+    return np.asarray(np.maximum(1.4826 * median, floor))
 
 
 def crooked_columns(sightings: Sightings, lines: int, degree: int) -> Float[np.ndarray, "*batch rows columns"]:

@@ -150,7 +150,9 @@ def surface_colours(rng: np.random.Generator, kind: str, hard: bool) -> tuple[np
         inner = np.array(table[int(rng.integers(len(table)))], float)
         outer = inner * rng.uniform(0.92, 1.08)
     tint = rng.uniform(0.7, 1.3) * rng.uniform(0.85, 1.15, 3)
-    return np.clip(inner * tint, 8, 225), np.clip(outer * tint, 8, 225)
+    # Televised courts are painted for contrast: none is as bright as its lines.
+    brightest = 225 if hard else 135
+    return np.clip(inner * tint, 8, brightest), np.clip(outer * tint, 8, brightest)
 
 
 def net_look(rng: np.random.Generator) -> NetLook:
@@ -247,7 +249,7 @@ def _lines(rng, court: Court, kind: str, hard: bool) -> Polygons:
         faint *= 0.5
     alpha = 1.0 - faint
     uneven = rng.uniform(0.0, 0.5) if kind != "firm" or rng.random() < 0.1 else 0.06
-    each = 1.0 - uneven * rng.random(len(court.line_names))
+    each = 1.0 - (uneven if hard else 0.5 * uneven) * rng.random(len(court.line_names))
     # Bright lines bloom in a camera: training pictures show them wider, about the same centres.
     bloom = rng.uniform(0.9, 1.5) if hard else 1.0
     for line, corners in line_rectangles(court):

@@ -148,7 +148,7 @@ def _named(file: Path, work: Path, outside: Path) -> str:
     """
     real = file.parent.resolve() / file.name
     beside = Path(os.path.abspath(work)).resolve().parent
-    if real.is_relative_to(beside) and beside != Path(beside.anchor):
+    if beside in real.parents and beside != Path(beside.anchor):
         name = f"../{real.relative_to(beside).as_posix()}"
     else:
         name = Path(os.path.abspath(file)).relative_to(outside).as_posix()

@@ -228,13 +228,13 @@ def _rows(plan: Plan, jobs: Sequence[Job], work: Path, skipped: Collection[str])
 def _row(task: VideoTask, outcome: JobOutcome | None, part: Part | None) -> VideoRow:
     """What became of a video, by its job and by what stands in the work folder."""
     if outcome is not None and outcome.state == "done" and outcome.result is not None and part is not None:
-        result = VideoOutcome(**outcome.result)
+        result = VideoOutcome(**outcome.result | {"clips": tuple(outcome.result["clips"])})
         nothing = f"no camera in any frame: {part.reason}" if not result.clips else ""
         return VideoRow(
             path=task.source_path,
             state="degraded" if result.trouble else "ok" if result.clips else "no court",
             reason="; ".join(filter(None, [result.trouble, nothing])),
-            clips=tuple(result.clips),
+            clips=result.clips,
             frames=result.frames,
             measured=result.measured,
             interpolated=result.interpolated,

@@ -109,7 +109,7 @@ class Spool:
         self.count += 1
         return self.count - 1
 
-    def read(self, places: Iterable[int]) -> Sightings:
+    def read(self, places: Iterable[int] | Int[np.ndarray, " places"]) -> Sightings:
         """The frames' sightings as one padded track."""
         size = self.rows * COLUMNS * 4
         tables = []
@@ -286,7 +286,7 @@ class ShotTracker:
 
     def _shared(self, cameras: CourtCamera, sightings: Sightings) -> ClipSolution:
         options = ClipFitOptions(crooked_px=self.search.crooked * self.size[0])
-        return solve_shared(cameras, sightings, court=self.court, fit_options=options, lens=self.lens)
+        return solve_shared(cameras, sightings, court=self.court, size=self.size, fit_options=options, lens=self.lens)
 
     def _use_marks(self, index: int, luma: np.ndarray, marks: Marks) -> None:
         """A person's points decide this frame's camera; measured lines refine it where they agree."""
