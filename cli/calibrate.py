@@ -110,9 +110,7 @@ def _planned(command: CalibrateCommand) -> "tuple[CalibrateOptions, Plan]":
         scene=command.scene, quality=command.quality, keypoints=command.keypoints, network=command.network,
         overlay=command.overlay,
     )  # fmt: skip
-    choice = Choice(
-        clip_prefix=command.clip_prefix, match_id=command.match_id, only=command.only, limit=command.limit
-    )
+    choice = Choice(clip_prefix=command.clip_prefix, match_id=command.match_id, only=command.only, limit=command.limit)
     try:
         plan = plan_run(command.videos, work=command.out, options=options, choice=choice)
         _check_network(options)
@@ -166,9 +164,7 @@ def _manner(command: CalibrateCommand, videos: int) -> "Manner":
     from pgm_data.stages.supervise import usable_cores
 
     workers = min(command.workers or usable_cores(), videos)
-    return Manner(
-        workers=workers, cluster=command.cluster, timeout_s=command.timeout or None, resume=command.resume
-    )
+    return Manner(workers=workers, cluster=command.cluster, timeout_s=command.timeout or None, resume=command.resume)
 
 
 def _shown(progress: Progress, plan: "Plan") -> "Callable[[JobEvent], None]":

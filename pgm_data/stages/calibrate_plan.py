@@ -56,9 +56,7 @@ class Plan:
     """Files that are left out, each with the reason."""
 
 
-def plan_run(
-    paths: Sequence[Path], *, work: Path, options: CalibrateOptions, choice: Choice
-) -> Plan:
+def plan_run(paths: Sequence[Path], *, work: Path, options: CalibrateOptions, choice: Choice) -> Plan:
     """The videos at the paths, named so that no two clips can have one name; nothing is written.
 
     Raises:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from pgm_data.dataset.documents import read_document, write_document
 from pgm_data.provenance import run_document
@@ -121,7 +121,12 @@ def jobs_of(plan: Plan, work: Path, options: CalibrateOptions) -> list[Job]:
 
 
 def calibrate_work(
-    plan: Plan, work: Path, *, options: CalibrateOptions, manner: Manner, tell: Callable[[JobEvent], None],
+    plan: Plan,
+    work: Path,
+    *,
+    options: CalibrateOptions,
+    manner: Manner,
+    tell: Callable[[JobEvent], None],
     write_run: Callable[[Sequence[VideoRow]], None],
 ) -> RunSummary:
     """Calibrate the planned videos into the work folder, which the caller holds, and write its tables and report.
@@ -157,8 +162,13 @@ def calibrate_work(
     trouble = ""
     try:
         run_jobs(
-            jobs, state_dir=work / STATE, workers=manner.workers, resume=manner.resume, timeout_s=manner.timeout_s,
-            cluster=manner.cluster, on_event=watch,
+            jobs,
+            state_dir=work / STATE,
+            workers=manner.workers,
+            resume=manner.resume,
+            timeout_s=manner.timeout_s,
+            cluster=manner.cluster,
+            on_event=watch,
         )
     except KeyboardInterrupt:
         close_run(plan, jobs, work, skipped=skipped, scene=options.scene, write_run=write_run)
@@ -178,7 +188,12 @@ def calibrate_work(
 
 
 def close_run(
-    plan: Plan, jobs: Sequence[Job], work: Path, *, skipped: Collection[str], scene: str,
+    plan: Plan,
+    jobs: Sequence[Job],
+    work: Path,
+    *,
+    skipped: Collection[str],
+    scene: str,
     write_run: Callable[[Sequence[VideoRow]], None],
 ) -> tuple[VideoRow, ...]:
     """What became of each video, after `shots.parquet`, `run.json` and `report.html` were brought up to it."""
@@ -207,9 +222,7 @@ def write_run_document(
     path = work / "run.json"
     earlier = read_document(path, "run")["inputs"] if path.is_file() else []
     inputs += [entry for entry in earlier if entry["path"] in there - named]
-    write_document(
-        path, "run", run_document(command=command, options=options, started=started, inputs=inputs)
-    )
+    write_document(path, "run", run_document(command=command, options=options, started=started, inputs=inputs))
 
 
 def _rows(plan: Plan, jobs: Sequence[Job], work: Path, skipped: Collection[str]) -> tuple[VideoRow, ...]:
@@ -228,7 +241,8 @@ def _rows(plan: Plan, jobs: Sequence[Job], work: Path, skipped: Collection[str])
 def _row(task: VideoTask, outcome: JobOutcome | None, part: Part | None) -> VideoRow:
     """What became of a video, by its job and by what stands in the work folder."""
     if outcome is not None and outcome.state == "done" and outcome.result is not None and part is not None:
-        result = VideoOutcome(**outcome.result | {"clips": tuple(outcome.result["clips"])})
+        fields: dict[str, Any] = outcome.result | {"clips": tuple(outcome.result["clips"])}
+        result = VideoOutcome(**fields)
         nothing = f"no camera in any frame: {part.reason}" if not result.clips else ""
         return VideoRow(
             path=task.source_path,
@@ -323,5 +337,3 @@ def _refuse_taken(plan: Plan, work: Path, log: JobLog) -> None:
                     f"clip_id: {clash!r} in {work} is of {part.video}, and {task.video} may give a clip of that name;"
                     " tell them apart with --clip-prefix"
                 )
-
-

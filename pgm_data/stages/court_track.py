@@ -182,6 +182,7 @@ class ShotTracker:
         self.last_measured = -1
         self.next_try = 0
         self.pending: list[tuple[int, np.ndarray]] = []
+        self.passed_over: tuple[int, np.ndarray] | None = None
         self.lost_reason = "no court found"
 
     def add(self, *, video_frame: int, timestamp: float, is_duplicate: bool, luma: np.ndarray) -> None:
@@ -201,6 +202,7 @@ class ShotTracker:
         if self.camera is not None:
             if self.last_measured >= 0 and index - self.last_measured < self.track.stride:
                 rows.reason[index] = "between measured frames"
+                self.passed_over = (index, luma.copy())
                 return
             if self._follow(index, luma):
                 return
@@ -314,6 +316,12 @@ class ShotTracker:
     def finish(self) -> ShotCameras:
         """Solve the shot's frames together."""
         rows = self.rows
+        if self.camera is not None and self.passed_over is not None:
+            last = self.passed_over[0]
+            # Nothing measured comes after the shot's end to bridge to, so its last picture is measured.
+            if all(rows.is_duplicate[last + 1 :]) and self._follow(*self.passed_over):
+                for repeat in range(last + 1, len(rows.place)):
+                    rows.place[repeat], rows.reason[repeat] = rows.place[last], rows.reason[last]
         count = len(rows.place)
         place = np.array(rows.place, dtype=int)
         times = np.array(rows.timestamp)

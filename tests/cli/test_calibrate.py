@@ -74,9 +74,7 @@ def cut_short(path: Path, share: float) -> None:
 
 
 @pytest.fixture(scope="module")
-def odd_run(
-    tmp_path_factory: pytest.TempPathFactory, pictures: list[np.ndarray]
-) -> tuple[int, dict[str, dict], Path]:
+def odd_run(tmp_path_factory: pytest.TempPathFactory, pictures: list[np.ndarray]) -> tuple[int, dict[str, dict], Path]:
     """One run over a folder of every odd input: its exit code, what its JSON says of each file, its work folder."""
     root = tmp_path_factory.mktemp("odd")
     folder = root / "in" / "deeper"
@@ -164,9 +162,9 @@ def test_cameras_are_the_true_ones_whatever_the_shape_of_the_picture(
 
     def seen(cameras: Camera | CameraTrack) -> np.ndarray:
         turn = cv2.Rodrigues(cameras.R_cam_from_world[0])[0]
-        return cv2.projectPoints(
-            corners, turn, cameras.t_cam_from_world[0], cameras.K[0], cameras.distortion[0]
-        )[0][:, 0]
+        return cv2.projectPoints(corners, turn, cameras.t_cam_from_world[0], cameras.K[0], cameras.distortion[0])[0][
+            :, 0
+        ]
 
     expected = scale * (seen(true) + 0.5) - 0.5 + [0, down]
     assert np.linalg.norm(seen(solved) - expected, axis=1).max() < 0.3 * scale
@@ -174,9 +172,7 @@ def test_cameras_are_the_true_ones_whatever_the_shape_of_the_picture(
 
 
 @pytest.mark.parametrize("name", ["empty", "text", "crowd"])
-def test_nothing_usable_is_exit_4_with_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
-) -> None:
+def test_nothing_usable_is_exit_4_with_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str) -> None:
     folder, work = tmp_path / "in", tmp_path / "work"
     folder.mkdir()
     (folder / "notes.txt").write_text("mine")
