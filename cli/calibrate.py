@@ -4,7 +4,7 @@ import json
 import os
 import shlex
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -132,31 +132,43 @@ def _check_network(options: "CalibrateOptions") -> None:
 
 
 def _calibrated(command: CalibrateCommand, options: "CalibrateOptions", plan: "Plan", line: str) -> "RunSummary":
-    from pgm_data.stages.calibrate_run import VideoRow, calibrate_work, write_run_document
+    from pgm_data.stages.calibrate_run import (
+        DISK_FULL,
+        NO_SPACE,
+        NameTaken,
+        VideoRow,
+        calibrate_work,
+        write_run_document,
+    )
 
     from .output import prepare_output
 
     started = datetime.now(UTC)
-    with prepare_output(command.out, resume=command.resume, overwrite=command.overwrite):
-        progress = Progress(total=len(plan.tasks), quiet=command.quiet)
+    summary: RunSummary | None = None
+    progress = Progress(total=len(plan.tasks), quiet=command.quiet)
 
-        def write_run(rows: Sequence[VideoRow]) -> None:
-            write_run_document(command.out, plan, rows, command=line, options=command, started=started)
+    def write_run(rows: Sequence[VideoRow]) -> None:
+        write_run_document(command.out, plan, rows, command=line, options=command, started=started)
 
-        try:
-            return calibrate_work(
+    try:
+        with prepare_output(command.out, resume=command.resume, overwrite=command.overwrite):
+            summary = calibrate_work(
                 plan, command.out, options=options, manner=_manner(command, len(plan.tasks)),
                 tell=_shown(progress, plan), write_run=write_run,
             )  # fmt: skip
-        except (ValueError, ModuleNotFoundError) as error:
-            raise UsageError(str(error)) from error
-        except OSError as error:
-            if command.cluster and error.errno is None:
-                got = f"{command.cluster}: {error}"
-                raise option_error("--cluster", expected="a Dask scheduler that answers", got=got) from error
-            raise
-        finally:
-            progress.close()
+        return summary
+    except (NameTaken, ModuleNotFoundError) as error:
+        raise UsageError(str(error)) from error
+    except OSError as error:
+        if summary is not None and error.errno in NO_SPACE:
+            # Only the note of what was written found no room; the next run with --resume makes up for it.
+            return replace(summary, trouble=summary.trouble or DISK_FULL)
+        if command.cluster and error.errno is None:
+            got = f"{command.cluster}: {error}"
+            raise option_error("--cluster", expected="a Dask scheduler that answers", got=got) from error
+        raise
+    finally:
+        progress.close()
 
 
 def _manner(command: CalibrateCommand, videos: int) -> "Manner":

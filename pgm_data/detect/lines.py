@@ -115,6 +115,15 @@ def measure_ridges(
     return Ridges(offset_px=offset + nan, sigma_px=sigma + nan, contrast=contrast + nan, two_tone=fine.two_tone, readable=readable)
 
 
+def merged(ridges: Ridges, again: Ridges, rows: Int[np.ndarray, " some"]) -> Ridges:
+    """The ridges with some rows measured again."""
+    parts = {}
+    for name in ("offset_px", "sigma_px", "contrast", "two_tone", "readable"):
+        parts[name] = getattr(ridges, name).copy()
+        parts[name][rows] = getattr(again, name)
+    return Ridges(**parts)
+
+
 BLURS = (0.35, 0.5, 0.65, 0.8, 1.0, 1.25, 1.6, 2.1)
 """Blurs tried by `look_of_lines`, pixels."""
 SPILLS = (0.0, 0.25, 0.5, 0.8, 1.2, 1.8, -0.25, -0.5, -0.8, -1.2, -1.8)

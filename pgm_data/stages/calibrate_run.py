@@ -33,6 +33,12 @@ from pgm_data.stages.work_folder import (
 
 DISK_FULL = "the disk is full"
 NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
+
+
+class NameTaken(ValueError):
+    """A clip name belongs to another video of the work folder."""
+
+
 State = Literal["ok", "degraded", "no court", "failed", "unfinished"]
 
 
@@ -141,7 +147,7 @@ def calibrate_work(
 
     Raises:
         KeyboardInterrupt: After what had ended was written down.
-        ValueError: If a clip name in the folder belongs to another video.
+        NameTaken: If a clip name in the folder belongs to another video.
     """
     jobs = jobs_of(plan, work, options)
     log = JobLog(work / STATE / "jobs.jsonl")
@@ -315,13 +321,13 @@ def _forget_lost(jobs: Sequence[Job], plan: Plan, work: Path, log: JobLog) -> No
 
 
 def _refuse_taken(plan: Plan, work: Path, log: JobLog) -> None:
-    """Raise ValueError where a clip name in the folder belongs to a video that is none of the plan's."""
+    """Raise NameTaken where a clip name in the folder belongs to a video that is none of the plan's."""
     outcomes = log.outcomes()
     for task in plan.tasks:
         outcome = outcomes.get(key_of(task.stem), ("", None))[1]
         before = Path(str((outcome.result or {}).get("video", ""))) if outcome is not None else Path()
         if before.is_file() and not before.samefile(task.video):
-            raise ValueError(
+            raise NameTaken(
                 f"clip_id: {task.stem!r} of {task.video} belongs to {before} in {work};"
                 " tell them apart with --clip-prefix"
             )
@@ -333,7 +339,7 @@ def _refuse_taken(plan: Plan, work: Path, log: JobLog) -> None:
         for task in plan.tasks:
             clash = next((clip for clip in part.clips if is_clip_of(clip, task.stem)), "")
             if clash:
-                raise ValueError(
+                raise NameTaken(
                     f"clip_id: {clash!r} in {work} is of {part.video}, and {task.video} may give a clip of that name;"
                     " tell them apart with --clip-prefix"
                 )

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Int
 
 from pgm_data.court import Court
-from pgm_data.detect.lines import LineLook, RidgeOptions, look_of_lines, measure_ridges
+from pgm_data.detect.lines import LineLook, RidgeOptions, look_of_lines, measure_ridges, merged
 from pgm_data.lift.court_camera import PARAMETERS, CourtCamera
 from pgm_data.lift.court_samples import LineSamples, moved_samples, sample_lines
 from pgm_data.lift.line_consensus import on_course
@@ -21,6 +21,8 @@ TWO_TONE_BIAS = (0.06, 0.3)
 place where the colour changes was fitted, and for narrower ones."""
 SPILL_WIDTH_PX = 1.5
 """Least width at which that place is fitted."""
+FAINT_SHARE, FAINT_SEARCH = 0.6, 0.005
+"""Lines of which less is found are measured again as faint ones, once they are sought this near (in picture widths)."""
 TYPICAL_RADIAL = (0.02, 0.025)
 """Mean and standard deviation of the radial term of broadcast lenses."""
 
@@ -92,7 +94,17 @@ def observe(
     if look is None:
         look = look_of_lines(*expected, samples.line, lines, RidgeOptions(search_px=search_px))
     ridges = measure_ridges(*expected, RidgeOptions(search_px=search_px, blur_px=look.blur_px), look.spill[samples.line])
-    good = on_course(samples.line, samples.along, ridges.offset_px, tolerance_px=max(1.0, 0.12 * search_px))
+    tolerance = max(1.0, 0.12 * search_px)
+    good = on_course(samples.line, samples.along, ridges.offset_px, tolerance_px=tolerance)
+    readable = line_counts(samples.line, lines, ridges.readable)
+    # Faint lines show in profiles averaged over longer stretches.
+    faint = line_counts(samples.line, lines, good) < FAINT_SHARE * readable
+    rows = np.flatnonzero(faint[samples.line])
+    if len(rows) and search_px <= FAINT_SEARCH * luma.shape[1]:
+        longer = RidgeOptions(search_px=search_px, blur_px=look.blur_px, averaged=21, least_contrast=1.5)
+        again = measure_ridges(luma, *(part[rows] for part in expected[1:]), longer, look.spill[samples.line[rows]])
+        good[rows] = on_course(samples.line[rows], samples.along[rows], again.offset_px, tolerance_px=tolerance)
+        ridges = merged(ridges, again, rows)
     sightings = Sightings(
         points_world=samples.points_world[good],
         measured_px=(samples.pixels + samples.normals * ridges.offset_px[:, None])[good],
@@ -102,7 +114,6 @@ def observe(
         along=samples.along[good],
         bias_px=(ridges.two_tone * np.where(samples.widths_px > SPILL_WIDTH_PX, *TWO_TONE_BIAS))[good],
     )
-    readable = line_counts(samples.line, lines, ridges.readable)
     return Observation(samples=samples, sightings=sightings, readable=readable, look=look)
 
 

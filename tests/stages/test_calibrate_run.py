@@ -20,7 +20,7 @@ from pgm_data.simulate.clip import ClipOptions, simulate_clip
 from pgm_data.stages import calibrate_run
 from pgm_data.stages.calibrate import CalibrateOptions, run_job
 from pgm_data.stages.calibrate_plan import OWN_OUTPUT, Choice, Plan, plan_run
-from pgm_data.stages.calibrate_run import Manner, RunSummary, calibrate_work, jobs_of, write_run_document
+from pgm_data.stages.calibrate_run import Manner, NameTaken, RunSummary, calibrate_work, jobs_of, write_run_document
 from pgm_data.stages.jobs import Job, JobEvent, JobLog, JobOutcome
 from pgm_data.stages.work_folder import (
     SHOTS,
@@ -346,7 +346,7 @@ def test_a_clip_name_of_another_video_is_not_taken_over(tmp_path: Path, videos: 
     work = tmp_path / "work"
     calibrate(videos / "a", work=work)
     os.rename(videos / "b/second.mp4", videos / "b/first.mp4")
-    with pytest.raises(ValueError, match="'first' of .*b/first.mp4 belongs to .*a/first.mp4"):
+    with pytest.raises(NameTaken, match="'first' of .*b/first.mp4 belongs to .*a/first.mp4"):
         calibrate(videos / "b", work=work)
     assert check_paths([work]) == []
 
