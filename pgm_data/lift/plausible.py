@@ -90,6 +90,8 @@ def camera_trust(camera: CourtCamera, court: Court, *, width: int, options: Trus
         return f"focal length {float(camera.focal_px):.0f} px is not plausible"
     right = camera.R_cam_from_world[0]
     roll = np.degrees(np.arcsin(np.clip(abs(right[2]), 0, 1)))
+    if camera.R_cam_from_world[1, 2] > 0.2:
+        return "the camera hangs upside down"
     if roll > options.roll_deg:
         return f"roll {roll:.0f} deg is not plausible"
     if not options.radial[0] <= float(camera.radial) <= options.radial[1]:

@@ -18,7 +18,7 @@ BINS = 16
 
 def group_views(
     cameras: CourtCamera, points_world: Float[np.ndarray, "points 3"], *, apart_px: float, most: int
-) -> list[Int[np.ndarray, " frames"]]:
+) -> list[Int[np.ndarray, " _"]]:
     """Frames grouped by where they look: within a group no point of the court moves by more than `apart_px`.
 
     When that makes more groups than `most`, groups spread evenly over the clip are kept.
@@ -39,7 +39,7 @@ def group_views(
     return [np.array(groups[g]) for g in chosen]
 
 
-def condense(fit: Fit, sightings: Sightings, groups: list[Int[np.ndarray, " frames"]]) -> tuple[CourtCamera, Sightings]:
+def condense(fit: Fit, sightings: Sightings, groups: list[Int[np.ndarray, " _"]]) -> tuple[CourtCamera, Sightings]:
     """One camera and one set of averaged sightings per group of frames.
 
     Args:

@@ -38,7 +38,7 @@ class TrackOptions:
     stride: int = 1
     """Every how many frames one is measured; those between are interpolated."""
     detect_every: int = 12
-    """Frames between two attempts to find a court that is not in view."""
+    """Most frames between two attempts to find a court that is not in view; the pauses double up to that."""
     key_frames: int = 60
     """Frames that carry the shared solution."""
     bridge_s: float = 0.5
@@ -181,6 +181,7 @@ class ShotTracker:
         self.look: LineLook | None = None
         self.last_measured = -1
         self.next_try = 0
+        self.patience = 1
         self.pending: list[tuple[int, np.ndarray]] = []
         self.passed_over: tuple[int, np.ndarray] | None = None
         self.lost_reason = "no court found"
@@ -221,10 +222,12 @@ class ShotTracker:
         if sight is None or sight.reason:
             self.lost_reason = "no court found" if sight is None else sight.reason
             self.rows.reason[index] = self.lost_reason
-            self.next_try = index + self.track.detect_every
+            self.next_try = index + self.patience
+            self.patience = min(2 * self.patience, self.track.detect_every)
             self.pending = []
             return
         found = sight.camera
+        self.patience = 1
         self._record(index, sight)
         pending, self.pending = self.pending, []
         self.camera = found
@@ -316,6 +319,9 @@ class ShotTracker:
     def finish(self) -> ShotCameras:
         """Solve the shot's frames together."""
         rows = self.rows
+        if self.camera is None and self.pending and self.pending[-1][0] == len(rows.place) - 1:
+            self.next_try = 0
+            self._look(*self.pending.pop())
         if self.camera is not None and self.passed_over is not None:
             last = self.passed_over[0]
             # Nothing measured comes after the shot's end to bridge to, so its last picture is measured.
