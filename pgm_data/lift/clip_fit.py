@@ -96,8 +96,8 @@ def fit_clip(
         lines: Number of court lines.
         options: How.
         simpler: A fit of the same sightings with fewer free columns, to start from.
-        richer: A fit with more free columns, whose noise and crookedness are taken as known: without that, lines would
-            pass for as crooked as a missing lens term makes them look, and the two could not be compared.
+        richer: A fit with more free columns, to compare with: its noise, crookedness and inliers are taken as known, as
+            lines would otherwise pass for as crooked, or for outliers, as a missing lens term makes them look.
     """
     frames = len(camera.focal_px)
     camera = replace(
@@ -106,7 +106,8 @@ def fit_clip(
         radial=np.full(frames, np.median(camera.radial)),
         principal_px=np.broadcast_to(np.median(camera.principal_px, axis=0), (frames, 2)),
     )
-    problem = _Problem(camera=camera, sightings=sightings, shared=shared, lines=lines, options=options)
+    rows = None if richer is None else richer.fit.inlier
+    problem = _Problem(camera=camera, sightings=sightings, shared=shared, lines=lines, options=options, rows=rows)
     shifts = np.zeros(len(COURSE) * lines)
     crooked, noise, damping = options.crooked_px, 1.0, 1e-4
     if simpler is not None:
@@ -131,7 +132,7 @@ def fit_clip(
                 damping = max(damping / 10, 1e-9)
                 break
             damping *= 10
-        spread = np.linalg.inv(information)
+        spread = _inverse(information)
         # Expectation-maximisation of the shifts' variance: what they are, and how unsure they are.
         k = len(shared)
         # (MacKay's fixed point: their sum of squares over the number of them that the data determine.)
@@ -146,18 +147,49 @@ def fit_clip(
         last = cost
     fit = judge(camera, sightings, cut=options.cut, course_px=problem.extra @ shifts)
     return ClipFit(
-        fit=fit, shared=shared, covariance=np.linalg.inv(information)[: len(shared), : len(shared)], shifts_px=shifts,
+        fit=fit, shared=shared, covariance=_inverse(information)[: len(shared), : len(shared)], shifts_px=shifts,
         crooked_px=crooked, noise=noise, evidence=cost + problem.log_volume(information), rows=int(fit.inlier.sum()),
     )
+
+
+def evidence_gain(
+    simple: ClipFit, richer: ClipFit, sightings: Sightings, *, lines: int, options: ClipFitOptions
+) -> float:
+    """Drop of minus twice the log evidence from a simple fit to a richer one.
+
+    Args:
+        simple: Fitted with the richer one's noise, crookedness and inliers.
+        richer: The one with more free columns.
+        sightings: What both were fitted to.
+        lines: Number of court lines.
+        options: As for both.
+    """
+    start = replace(richer.fit.camera, principal_px=simple.fit.camera.principal_px)
+    problem = _Problem(
+        camera=start, sightings=sightings, shared=richer.shared, lines=lines, options=options, rows=richer.fit.inlier
+    )
+    sigma = np.hypot(sightings.sigma_px, BEND * richer.crooked_px)
+    state = (richer.fit.camera, richer.shifts_px, sigma, richer.noise, richer.crooked_px)
+    return simple.evidence - (problem.cost(*state) + problem.log_volume(problem.linearise(*state)[0]))
+
+
+def _inverse(information: np.ndarray) -> np.ndarray:
+    """The inverse of an information matrix, whose columns differ by ten orders of magnitude; what nothing pins is huge."""
+    size = np.sqrt(np.maximum(np.diag(information), 1e-12))
+    values, vectors = np.linalg.eigh(information / np.outer(size, size))
+    return (vectors / np.maximum(values, 1e-12)) @ vectors.T / np.outer(size, size)
 
 
 class _Problem:
     """The terms of one clip's fit that stay the same from step to step."""
 
     def __init__(
-        self, *, camera: CourtCamera, sightings: Sightings, shared: tuple[int, ...], lines: int, options: ClipFitOptions
+        self, *, camera: CourtCamera, sightings: Sightings, shared: tuple[int, ...], lines: int, options: ClipFitOptions,
+        rows: np.ndarray | None,
     ) -> None:
         self.sightings, self.options, self.own = sightings, options, list(shared)
+        self.rows = rows
+        """Rows that count in full, whatever their residuals; None for robust weights."""
         self.extra = crooked_columns(sightings, lines, len(COURSE) - 1)
         self.shape = np.repeat(COURSE, lines)
         self.bias = np.zeros(len(self.shape))
@@ -195,6 +227,8 @@ class _Problem:
         z2 = (np.nan_to_num(r, nan=1e3) / np.where(self.real, sigma * noise, 1.0) / cut) ** 2
         # Tukey's loss, whose derivative the weights are.
         loss = cut**2 / 3 * (1 - np.clip(1 - z2, 0, 1) ** 3)
+        if self.rows is not None:
+            loss = np.where(self.rows, z2 * cut**2, 0.0)
         data = np.where(self.real, loss + 2 * np.log(np.where(self.real, sigma * noise, 1.0)), 0.0).sum()
         std = self.course_std(crooked)
         prior = ((shifts / std) ** 2).sum() + 2 * np.log(std).sum()
@@ -208,7 +242,11 @@ class _Problem:
         frames = len(camera.focal_px)
         r, J = residuals(camera, self.sightings)
         r = r + self.extra @ shifts
-        w = np.where(np.isfinite(r), robust_weights(r, sigma, np.full(frames, noise), self.options.cut), 0.0)
+        if self.rows is None:
+            w = robust_weights(r, sigma, np.full(frames, noise), self.options.cut)
+        else:
+            w = np.where(self.rows, 1 / (sigma * noise) ** 2, 0.0)
+        w = np.where(np.isfinite(r), w, 0.0)
         r, J = np.where(w > 0, r, 0.0), np.where(w[..., None] > 0, J, 0.0)
         own_J = np.concatenate([J[..., own], np.where(w[..., None] > 0, self.extra, 0.0)], axis=-1)
         turn_J = J[..., turn]

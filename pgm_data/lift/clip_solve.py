@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 
 from pgm_data.court import Court
 from pgm_data.geometry.rigid import rotation_from_rotvec, rotvec_from_rotation
-from pgm_data.lift.clip_fit import COURSE, ClipFit, ClipFitOptions, fit_clip
+from pgm_data.lift.clip_fit import COURSE, ClipFit, ClipFitOptions, evidence_gain, fit_clip
 from pgm_data.lift.court_camera import CourtCamera
 from pgm_data.lift.line_fit import FREE_POSE, TURN, Fit, Sightings, crooked_columns, fit_track, residuals
 from pgm_data.lift.views import condense, group_views
@@ -70,7 +70,7 @@ def solve_shared(
     radial = fit_clip(camera, sightings, shared=WITH_RADIAL, lines=lines, options=fit_options)
     straight = replace(radial.fit.camera, radial=np.zeros_like(radial.fit.camera.radial))
     pinhole = fit_clip(straight, sightings, shared=CENTRE_ONLY, lines=lines, options=fit_options, richer=radial)
-    gain = pinhole.evidence - radial.evidence
+    gain = evidence_gain(pinhole, radial, sightings, lines=lines, options=fit_options)
     value = float(radial.fit.camera.radial[0])
     if not gain > lens.least_gain:
         pinhole = fit_clip(straight, sightings, shared=CENTRE_ONLY, lines=lines, options=fit_options)
@@ -84,7 +84,7 @@ def solve_shared(
         compared = fit_clip(
             radial.fit.camera, sightings, shared=WITH_RADIAL, lines=lines, options=fit_options, richer=moved
         )
-        gain = compared.evidence - moved.evidence
+        gain = evidence_gain(compared, moved, sightings, lines=lines, options=fit_options)
         shift = moved.fit.camera.principal_px[0] - camera.principal_px[0]
         told = f"principal point shifted by ({shift[0]:.0f}, {shift[1]:.0f}) px gains {gain:.0f}"
         if gain > lens.least_gain_principal:

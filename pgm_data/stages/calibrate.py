@@ -49,9 +49,10 @@ EFFORTS: dict[str, Effort] = {
         lines_every=150,
         fast_decode=True,
     ),
-    "standard": Effort(search=SearchOptions(), track=TrackOptions(), lines_every=75, fast_decode=False),
+    "standard": Effort(search=SearchOptions(samples=140), track=TrackOptions(), lines_every=75, fast_decode=False),
     "best": Effort(
-        search=SearchOptions(samples=400, spacing_px=3.0), track=TrackOptions(key_frames=240, detect_every=5),
+        search=SearchOptions(samples=320, spacing_px=4.0),
+        track=TrackOptions(key_frames=240, detect_every=5),
         lines_every=25, fast_decode=False,
     ),
 }

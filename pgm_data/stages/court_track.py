@@ -345,20 +345,26 @@ class ShotTracker:
             if self.fixed:
                 chosen = key_frames(track, self.track.key_frames)
                 solution = self._shared(track[chosen], self.spool.read(chosen))
-            for start in range(0, len(self.found), self.track.chunk):
-                these = np.arange(start, min(start + self.track.chunk, len(self.found)))
+            # Frames looked back at were measured out of order: solve in the order of time.
+            first = np.full(len(self.found), count)
+            seen = np.flatnonzero(place >= 0)
+            np.minimum.at(first, place[seen], seen)
+            in_time = np.argsort(first, kind="stable")
+            shows = np.split(seen[np.argsort(place[seen], kind="stable")], np.cumsum(np.bincount(place[seen]))[:-1])
+            for start in range(0, len(in_time), self.track.chunk):
+                these = in_time[start : start + self.track.chunk]
                 solved = self._solve(track[these], self.spool.read(these), solution)
                 verdicts = self._verdicts(solved, these)
                 for offset, which in enumerate(these):
-                    for frame in np.flatnonzero(place == which):
-                        if verdicts[offset]:
-                            reason[frame] = verdicts[offset]
-                            continue
-                        status[frame], reason[frame] = "measured", ""
-                        _set(blank, frame, solved.fit.camera[offset])
-                        inliers[frame] = solved.fit.inlier[offset].sum()
-                        rms[frame] = solved.fit.rms_px[offset]
-                        cov[frame], focal_std[frame] = solved.position_cov[offset], solved.focal_std_px[offset]
+                    frames = shows[which]
+                    if verdicts[offset]:
+                        reason[frames] = verdicts[offset]
+                        continue
+                    status[frames], reason[frames] = "measured", ""
+                    _set(blank, frames, solved.fit.camera[offset])
+                    inliers[frames] = solved.fit.inlier[offset].sum()
+                    rms[frames] = solved.fit.rms_px[offset]
+                    cov[frames], focal_std[frames] = solved.position_cov[offset], solved.focal_std_px[offset]
             _bridge(blank, status, reason, cov, focal_std, times, self.track.bridge_s)
         self.spool.close()
         camera = CourtCamera(**blank, half_diagonal_px=float(np.hypot(*self.size) / 2))

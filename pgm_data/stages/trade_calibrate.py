@@ -150,7 +150,8 @@ def _written(options: TradeOptions, scores: list[ClipScore], outcomes: list[JobO
 def _write_rows(path: Path, outcomes: Sequence[JobOutcome]) -> None:
     """Every job's figures, one JSON object a line."""
     rows = [
-        {"job": o.name, "state": o.state, "reason": o.reason, "seconds": o.seconds} | (o.result or {}) for o in outcomes
+        {"job": o.name, "state": o.state, "failure": o.reason, "job_seconds": o.seconds} | (o.result or {})
+        for o in outcomes
     ]
     _write(path, "".join(json.dumps(row, allow_nan=False) + "\n" for row in rows))
 
