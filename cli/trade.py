@@ -127,7 +127,8 @@ def _trade(options: CalibrateTrade, folder: OutputFolder) -> "TradeOptions":
     return TradeOptions(
         out=options.out, state_dir=folder.state_dir, scene=options.scene, qualities=options.quality,
         network=network if network in ("", "none") else str(Path(network).resolve()), data=options.data,
-        clips=options.clips, frames=options.frames, size=picture_size(options.resolution, (1280, 720)), seed=options.seed,
+        clips=options.clips, frames=options.frames,
+        negatives=options.negatives, real=options.real, size=picture_size(options.resolution, (1280, 720)), seed=options.seed,
         workers=options.workers, resume=options.resume,
     )
 
@@ -158,7 +159,7 @@ class _Jobs:
 
 
 def _told(outcome: "TradeOutcome", out: Path) -> int:
-    print(outcome.table)
+    print(outcome.figures.table())
     print(f"\nwrote {out / 'trade.md'}, {out / 'trade.svg'}, {out / 'trade.json'}")
     for job in outcome.failed[:FAILURES_SHOWN]:
         print_error(f"{job.name}: {job.reason}")

@@ -1,14 +1,13 @@
 """Jobs of `pgm trade calibrate` on simulated clips: draw one with its truth, calibrate one and score it."""
 
 import json
+import os
 import shutil
 import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-
-import numpy as np
 
 from pgm_data.dataset.clip_camera import ClipCamera, read_clip_camera
 from pgm_data.dataset.documents import read_document
@@ -67,7 +66,11 @@ def calibrated(
     work = Path(tempfile.mkdtemp(dir=arguments["scratch"], prefix="work-"))
     try:
         begun = time.process_time()
-        outcome = calibrate_video(video, work, stem=video.stem, match_id=video.stem, options=options, report=report)
+        # The supervisor shares the cores among its workers in this way.
+        threads = int(os.environ.get("OPENCV_FOR_THREADS_NUM") or 2)
+        outcome = calibrate_video(
+            video, work, stem=video.stem, match_id=video.stem, options=options, threads=threads, report=report
+        )
         cpu_s = time.process_time() - begun
         cameras = [read_clip_camera(work / clip) for clip in outcome.clips]
         documents = [read_document(work / clip / "clip.json", "clip") for clip in outcome.clips]
@@ -94,7 +97,3 @@ def truth_of(folder: Path) -> dict[Path, list[Path]]:
         raise ValueError(f"{folder}: expected videos with their truth, as pgm simulate writes them, got none")
     return {video: [folder for _, folder in sorted(clips)] for video, clips in found.items()}
 
-
-def finite(value: float) -> float | None:
-    """The number, or None where JSON has no word for it."""
-    return float(value) if np.isfinite(value) else None

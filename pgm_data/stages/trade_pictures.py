@@ -82,7 +82,7 @@ def look_for_court(arguments: dict, report: Callable[[dict], None]) -> dict:
                 })  # fmt: skip
         report({"progress": done + 1, "total": count})
     real = sum(number < arguments["real"] for number in range(first, first + count))
-    return {"kind": "pictures", "pictures": count, "real": real, "false": cameras, "look_s": seconds}
+    return {"pictures": count, "real": real, "false": cameras, "look_s": seconds}
 
 
 def cameras_of_picture(

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from pgm_data.court import Court
 from pgm_data.dataset.clip_camera import ClipCamera
 from pgm_data.geometry.camera import Camera, project
-from pgm_data.inputs import VIDEO_ENDINGS
+from pgm_data.inputs import find_inputs
 from pgm_data.scene import load_scene
 from pgm_data.stages.trade_clips import calibrated
 from pgm_data.stages.trade_pictures import CLOSE_UPS
@@ -61,8 +61,8 @@ class RealScore:
 def real_videos(real: Path, scene: str) -> list[Path]:
     """The scene's videos in a folder of real clips: those in the folder of its name, and those with hand-read points."""
     named = [real / name for name in _frames_of(real / KEYPOINTS)]
-    there = sorted(p for p in (real / scene).glob("*") if p.suffix.lower() in VIDEO_ENDINGS)
-    return sorted({p for p in [*there, *named] if p.is_file()})
+    there = find_inputs([real / scene]).videos if (real / scene).is_dir() else ()
+    return sorted({path for path in [*there, *named] if path.is_file()})
 
 
 def score_real(arguments: dict, report: Callable[[dict], None]) -> dict:
@@ -89,7 +89,7 @@ def score_real(arguments: dict, report: Callable[[dict], None]) -> dict:
         lens_model=documents[0]["lens_model"]["model"] if documents else "", reprojection_px=outcome.reprojection_px,
         seconds=outcome.seconds, cpu_s=cpu_s, memory_mb=outcome.peak_memory_mb,
     )
-    return {"kind": "real"} | asdict(score)
+    return asdict(score)
 
 
 def read_frame(

@@ -1,7 +1,7 @@
 """What the clips of a trade say together, per preset: figures, a table in Markdown, and which presets are dominated."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, is_dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -157,9 +157,10 @@ def simulated_table(summaries: Sequence[PresetSummary]) -> str:
     return "\n".join(lines)
 
 
-def summary_document(summary: PresetSummary) -> dict:
-    """The summary in JSON's types; None for what is not finite."""
-    return {f.name: _plain(asdict(summary)[f.name]) for f in fields(summary)} | {"fps": _plain(summary.fps)}
+def summary_document(summary: object) -> dict:
+    """A dataclass of figures in JSON's types; None for what is not finite."""
+    assert is_dataclass(summary) and not isinstance(summary, type)
+    return {name: _plain(value) for name, value in asdict(summary).items()}
 
 
 def percent(share: float) -> str:
@@ -182,6 +183,8 @@ def _error(score: ClipScore) -> float:
 
 
 def _plain(value):
-    if isinstance(value, tuple):
+    if isinstance(value, tuple | list):
         return [_plain(v) for v in value]
+    if isinstance(value, dict):
+        return {name: _plain(v) for name, v in value.items()}
     return None if isinstance(value, float) and not np.isfinite(value) else value

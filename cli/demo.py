@@ -1,0 +1,118 @@
+"""`pgm demo`: a short match drawn, calibrated, checked, and compared with its exact truth."""
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+from .console import UsageError, table_text
+
+OURS = ("simulated", "work")
+"""What a demo writes; a folder that holds anything else is left alone."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DemoOptions:
+    """Simulate a short match, calibrate it, check it against its truth; or calibrate a video of yours."""
+
+    video: Path | None = None
+    """A video of yours instead of a simulated match; there is no truth to compare it with."""
+    scene: str = "tennis"
+    """Scene of that video, by name or path."""
+    out: Path = Path("demo")
+    """Folder to write into; what an earlier demo wrote there is replaced."""
+    seconds: float = 8.0
+    """Length of the simulated match."""
+    seed: int = 1
+    """What is drawn depends on it."""
+
+
+def main(argv: list[str]) -> int:
+    """Run the demo; its exit code."""
+    import tyro
+
+    options = tyro.cli(DemoOptions, args=argv, prog="pgm demo")
+    if options.video is not None and not options.video.is_file():
+        raise UsageError(f"--video: expected a video file, got {options.video}, which is none")
+    if not 1 <= options.seconds <= 600:
+        raise UsageError(f"--seconds: expected 1 to 600, got {options.seconds}")
+    _clear(options.out)
+    simulated, work = options.out / "simulated", options.out / "work"
+    if options.video is None:
+        print(f"1. drawing {options.seconds:g} s of a match with a turning, zooming camera and repeated frames")
+        code = _simulate(options, simulated)
+        if code:
+            return code
+    source = simulated / "videos" if options.video is None else options.video
+    print(f"2. calibrating {source}")
+    scene = "tennis" if options.video is None else options.scene
+    from .calibrate import main as calibrate
+
+    code = calibrate([str(source), "--out", str(work), "--scene", scene])
+    if code not in (0, 3):
+        return code
+    print("3. checking what was written")
+    from .check import main as check
+
+    checked = check([str(work)])
+    if options.video is None:
+        print("4. comparing with the truth, which the calibration has not seen")
+        print(_compared(simulated, work))
+    overlays = sorted(work.glob("*/overlay.mp4"))
+    print(f"\nopen {work / 'report.html'}" + (f"\nand  {overlays[0]}" if overlays else ""))
+    return checked or code
+
+
+def _clear(out: Path) -> None:
+    """Make room for a new demo where an earlier one was; anything else is left alone."""
+    if not out.exists():
+        return
+    strangers = sorted(p.name for p in out.iterdir() if p.name not in OURS) if out.is_dir() else [out.name]
+    if strangers:
+        raise UsageError(f"--out: expected a new folder or an earlier demo's, got {out} with {strangers[0]} in it")
+    for name in OURS:
+        if (out / name).exists():
+            shutil.rmtree(out / name)
+
+
+def _simulate(options: DemoOptions, out: Path) -> int:
+    from .simulate import main as simulate
+
+    minutes = f"{options.seconds / 60:.6f}"
+    return simulate(
+        ["--out", str(out), "--matches", "1", "--minutes", minutes, "--seed", str(options.seed), "--motion", "follow",
+         "--duplicates", "--closeups"]
+    )  # fmt: skip
+
+
+def _compared(simulated: Path, work: Path) -> str:
+    """A table of errors against the truth, one row per clip."""
+    import numpy as np
+
+    from pgm_data.dataset.clip_camera import read_clip_camera
+    from pgm_data.dataset.documents import read_document
+    from pgm_data.scene import load_scene
+    from pgm_data.stages.trade_score import Cost, score_video
+
+    truth = [read_clip_camera(p.parent) for p in sorted((simulated / "work").glob("*/camera.parquet"))]
+    court = load_scene("tennis").court
+    assert court is not None
+    folders = sorted(p.parent for p in work.glob("*/camera.parquet"))
+    solved = [read_clip_camera(folder) for folder in folders]
+    clip = read_document(folders[0] / "clip.json", "clip")
+    score = score_video(
+        video=folders[0].name, preset="standard", size=(clip["width"], clip["height"]), solved=solved, truth=truth,
+        court=court, lens_model=clip["lens_model"]["model"], cost=Cost(seconds=0.0, cpu_s=0.0, memory_mb=0.0),
+    )  # fmt: skip
+    centre = "-" if score.centre_m is None else f"{100 * float(np.linalg.norm(score.centre_m)):.1f} cm"
+    sigma = "-" if score.centre_sigma_m is None else f"{100 * float(np.linalg.norm(score.centre_sigma_m)):.1f} cm"
+    rows = [
+        ("frames that show the court", score.frames),
+        ("of them measured", score.measured),
+        ("bridged", score.interpolated),
+        ("cameras where no court is shown", score.false_frames),
+        ("error of the camera's position", centre),
+        ("its stated standard deviation", sigma),
+        ("error of the focal length", "-" if score.focal is None else f"{100 * abs(score.focal):.3f} %"),
+        ("rms error of the court's lines", "-" if score.court_px is None else f"{score.court_px:.3f} px"),
+    ]
+    return table_text(("against the truth", ""), rows)

@@ -1,0 +1,30 @@
+"""The demo runs end to end, replaces its own folder, and leaves others alone."""
+
+import pytest
+from pgm_cli.console import UsageError
+from pgm_cli.demo import main
+
+
+def test_it_calibrates_what_it_drew_and_says_where_to_look(tmp_path, capsys):
+    out = tmp_path / "demo"
+    for _ in range(2):
+        assert main(["--out", str(out), "--seconds", "1", "--seed", "3"]) == 0
+    told = capsys.readouterr().out
+    assert "error of the camera's position" in told
+    assert str(out / "work" / "report.html") in told
+    assert (out / "work" / "report.html").is_file()
+    assert list((out / "work").glob("*/overlay.mp4"))
+
+
+def test_a_folder_with_something_else_in_it_is_left_alone(tmp_path):
+    precious = tmp_path / "thesis.txt"
+    precious.write_text("mine")
+    with pytest.raises(UsageError, match=r"thesis\.txt"):
+        main(["--out", str(tmp_path)])
+    assert precious.read_text() == "mine"
+
+
+@pytest.mark.parametrize("arguments", [["--video", "absent.mp4"], ["--seconds", "0"]])
+def test_bad_options_are_refused(arguments, tmp_path):
+    with pytest.raises(UsageError):
+        main([*arguments, "--out", str(tmp_path / "new")])
