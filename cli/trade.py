@@ -59,7 +59,9 @@ class CalibrateTrade:
 def main(argv: list[str]) -> int:
     """Run the command; its exit code."""
     return tyro.extras.subcommand_cli_from_dict(
-        {"calibrate": _calibrate}, args=argv, prog="pgm trade",
+        {"calibrate": _calibrate},
+        args=argv,
+        prog="pgm trade",
         description="Accuracy against time of every preset of a stage, on data with truth.",
     )
 
@@ -125,11 +127,20 @@ def _trade(options: CalibrateTrade, folder: OutputFolder) -> "TradeOptions":
 
     network = options.network
     return TradeOptions(
-        out=options.out, state_dir=folder.state_dir, scene=options.scene, qualities=options.quality,
-        network=network if network in ("", "none") else str(Path(network).resolve()), data=options.data,
-        clips=options.clips, frames=options.frames,
-        negatives=options.negatives, real=options.real, size=picture_size(options.resolution, (1280, 720)), seed=options.seed,
-        workers=options.workers, resume=options.resume,
+        out=options.out,
+        state_dir=folder.state_dir,
+        scene=options.scene,
+        qualities=options.quality,
+        network=network if network in ("", "none") else str(Path(network).resolve()),
+        data=options.data,
+        clips=options.clips,
+        frames=options.frames,
+        negatives=options.negatives,
+        real=options.real,
+        size=picture_size(options.resolution, (1280, 720)),
+        seed=options.seed,
+        workers=options.workers,
+        resume=options.resume,
     )
 
 

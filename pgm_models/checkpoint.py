@@ -28,8 +28,8 @@ class Checkpoint:
     """Their exponential moving average: what is used and exported."""
     optimiser: Mapping[str, Tensor]
     """The optimiser's state as `parameter/key`."""
-    options: Mapping[str, object]
-    """Options as resolved, JSON values."""
+    options: Mapping[str, dict]
+    """Options as resolved, JSON values: of the loop under `train`, of what is learned under `task`."""
     provenance: Mapping[str, object]
     """Data, versions and command, JSON values."""
 
@@ -85,9 +85,9 @@ def load_checkpoint(path: Path) -> Checkpoint:
 
 def optimiser_tensors(network: nn.Module, optimiser: torch.optim.Optimizer) -> dict[str, Tensor]:
     """The optimiser's state as `parameter/key`."""
-    names = {parameter: name for name, parameter in network.named_parameters()}
+    names = {id(parameter): name for name, parameter in network.named_parameters()}
     return {
-        f"{names[parameter]}/{key}": value
+        f"{names[id(parameter)]}/{key}": value
         for parameter, state in optimiser.state.items()
         for key, value in state.items()
         if isinstance(value, Tensor)

@@ -207,7 +207,7 @@ class CourtNetwork:
     def logits(self, pictures: Float[np.ndarray, "1 3 rows columns"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The network's own answer to one input: points per cell, their absence, painted line per cell."""
         points, absent, line = self._session.run(["points", "absent", "line"], {"picture": pictures})
-        return points, absent, line
+        return np.asarray(points), np.asarray(absent), np.asarray(line)
 
     def detect(self, bgr: UInt8[np.ndarray, "height width 3"]) -> CourtPoints:
         """The court's points in a picture of any size."""

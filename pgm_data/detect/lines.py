@@ -112,7 +112,9 @@ def measure_ridges(
         & np.isfinite(sigma)
     )
     nan = np.where(found, 0.0, np.nan)
-    return Ridges(offset_px=offset + nan, sigma_px=sigma + nan, contrast=contrast + nan, two_tone=fine.two_tone, readable=readable)
+    return Ridges(
+        offset_px=offset + nan, sigma_px=sigma + nan, contrast=contrast + nan, two_tone=fine.two_tone, readable=readable
+    )
 
 
 def merged(ridges: Ridges, again: Ridges, rows: Int[np.ndarray, " some"]) -> Ridges:
@@ -190,7 +192,9 @@ def _places(widths_px: np.ndarray, options: RidgeOptions) -> np.ndarray:
     return np.arange(-half, half + 1) * options.step_px
 
 
-def _profiles(luma: np.ndarray, pixels: np.ndarray, normals: np.ndarray, x: np.ndarray, options: RidgeOptions) -> np.ndarray:
+def _profiles(
+    luma: np.ndarray, pixels: np.ndarray, normals: np.ndarray, x: np.ndarray, options: RidgeOptions
+) -> np.ndarray:
     """Grey levels across each line, averaged over neighbouring profiles: (samples, len(x))."""
     tangents = np.stack([normals[:, 1], -normals[:, 0]], axis=-1)
     along = (np.arange(options.averaged) - (options.averaged - 1) / 2) * options.along_px
@@ -208,7 +212,9 @@ def _profiles(luma: np.ndarray, pixels: np.ndarray, normals: np.ndarray, x: np.n
     return read.reshape(len(pixels), options.averaged, len(x)).mean(axis=1, dtype=np.float64)
 
 
-def _coarse(profiles: np.ndarray, x: np.ndarray, widths_px: np.ndarray, options: RidgeOptions) -> tuple[np.ndarray, np.ndarray]:
+def _coarse(
+    profiles: np.ndarray, x: np.ndarray, widths_px: np.ndarray, options: RidgeOptions
+) -> tuple[np.ndarray, np.ndarray]:
     """Best centre on the profile's grid, and how much brighter a box there is than both of its sides."""
     step = options.step_px
     summed = np.concatenate([np.zeros((len(profiles), 1)), np.cumsum(profiles, axis=1)], axis=1)
@@ -248,7 +254,13 @@ class _Fine:
 
 
 def _fine(
-    profiles: np.ndarray, x: np.ndarray, centre: np.ndarray, widths_px: np.ndarray, spill: np.ndarray, blur: float, step: float
+    profiles: np.ndarray,
+    x: np.ndarray,
+    centre: np.ndarray,
+    widths_px: np.ndarray,
+    spill: np.ndarray,
+    blur: float,
+    step: float,
 ) -> _Fine:
     """The three levels and the place of each profile's line, by Gauss-Newton from a coarse centre.
 
@@ -306,6 +318,9 @@ def _fine(
     variance = np.linalg.inv(normal)[:, 0, 0] * noise / step
     contrast = levels[:, 1] - np.maximum(levels[:, 0], levels[:, 2])
     return _Fine(
-        centre=c, sigma=np.sqrt(np.maximum(variance, 1e-8)), contrast=contrast, fit=fit,
+        centre=c,
+        sigma=np.sqrt(np.maximum(variance, 1e-8)),
+        contrast=contrast,
+        fit=fit,
         two_tone=np.abs(levels[:, 2] - levels[:, 0]) / np.maximum(contrast, 1.0),
     )

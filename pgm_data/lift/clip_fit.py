@@ -26,7 +26,6 @@ from pgm_data.lift.line_fit import (
     robust_weights,
 )
 
-
 COURSE = np.array([1.0, 1.0, 0.5, 0.3])
 """Relative standard deviations of the Legendre coefficients of a line's course, degree by degree."""
 
@@ -81,8 +80,14 @@ class ClipFitOptions:
 
 
 def fit_clip(
-    camera: CourtCamera, sightings: Sightings, *, shared: tuple[int, ...], lines: int, options: ClipFitOptions,
-    simpler: ClipFit | None = None, richer: ClipFit | None = None,
+    camera: CourtCamera,
+    sightings: Sightings,
+    *,
+    shared: tuple[int, ...],
+    lines: int,
+    options: ClipFitOptions,
+    simpler: ClipFit | None = None,
+    richer: ClipFit | None = None,
 ) -> ClipFit:
     """One centre and lens for all frames, with each frame's own rotation and focal length.
 
@@ -147,8 +152,14 @@ def fit_clip(
         last = cost
     fit = judge(camera, sightings, cut=options.cut, course_px=problem.extra @ shifts)
     return ClipFit(
-        fit=fit, shared=shared, covariance=_inverse(information)[: len(shared), : len(shared)], shifts_px=shifts,
-        crooked_px=crooked, noise=noise, evidence=cost + problem.log_volume(information), rows=int(fit.inlier.sum()),
+        fit=fit,
+        shared=shared,
+        covariance=_inverse(information)[: len(shared), : len(shared)],
+        shifts_px=shifts,
+        crooked_px=crooked,
+        noise=noise,
+        evidence=cost + problem.log_volume(information),
+        rows=int(fit.inlier.sum()),
     )
 
 
@@ -174,7 +185,7 @@ def evidence_gain(
 
 
 def _inverse(information: np.ndarray) -> np.ndarray:
-    """The inverse of an information matrix, whose columns differ by ten orders of magnitude; what nothing pins is huge."""
+    """The inverse of an information matrix whose columns differ in scale; what nothing pins is huge."""
     size = np.sqrt(np.maximum(np.diag(information), 1e-12))
     values, vectors = np.linalg.eigh(information / np.outer(size, size))
     return (vectors / np.maximum(values, 1e-12)) @ vectors.T / np.outer(size, size)
@@ -184,7 +195,13 @@ class _Problem:
     """The terms of one clip's fit that stay the same from step to step."""
 
     def __init__(
-        self, *, camera: CourtCamera, sightings: Sightings, shared: tuple[int, ...], lines: int, options: ClipFitOptions,
+        self,
+        *,
+        camera: CourtCamera,
+        sightings: Sightings,
+        shared: tuple[int, ...],
+        lines: int,
+        options: ClipFitOptions,
         rows: np.ndarray | None,
     ) -> None:
         self.sightings, self.options, self.own = sightings, options, list(shared)
@@ -194,9 +211,9 @@ class _Problem:
         self.shape = np.repeat(COURSE, lines)
         self.bias = np.zeros(len(self.shape))
         for line in range(lines):  # The shared error shifts and tilts a line; it does not bend it.
-            rows = sightings.line == line
-            if rows.any():
-                self.bias[[line, lines + line]] = np.median(sightings.bias_px[rows])
+            of_line = sightings.line == line
+            if of_line.any():
+                self.bias[[line, lines + line]] = np.median(sightings.bias_px[of_line])
         self.real = np.isfinite(sightings.sigma_px)
         self.middle = camera.principal_px[0].copy()
         width = 2 * self.middle[0] + 1
@@ -254,7 +271,9 @@ class _Problem:
         B, E, g_turn = turn_Jt @ turn_J, turn_Jt @ own_J, turn_Jt @ r[..., None]
         precision = np.concatenate([self.precision, 1 / self.course_std(crooked) ** 2])
         D = (own_Jt @ own_J).sum(axis=0) + np.diag(precision)
-        g_own = (own_Jt @ r[..., None])[..., 0].sum(axis=0) + precision * np.concatenate([self.off_prior(camera), shifts])
+        g_own = (own_Jt @ r[..., None])[..., 0].sum(axis=0) + precision * np.concatenate(
+            [self.off_prior(camera), shifts]
+        )
 
         def eliminated(damping: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
             scaled = np.einsum("fii->fi", B) * (damping + 1e-9) + 1e-12

@@ -43,7 +43,12 @@ class ClipSolution:
 
 
 def solve_shared(
-    camera: CourtCamera, sightings: Sightings, *, court: Court, size: tuple[int, int], fit_options: ClipFitOptions,
+    camera: CourtCamera,
+    sightings: Sightings,
+    *,
+    court: Court,
+    size: tuple[int, int],
+    fit_options: ClipFitOptions,
     lens: LensOptions,
 ) -> ClipSolution:
     """The shared centre and lens of the chosen frames, with the simplest lens that the data support.
@@ -89,7 +94,8 @@ def solve_shared(
         told = f"principal point shifted by ({shift[0]:.0f}, {shift[1]:.0f}) px gains {gain:.0f}"
         if gain > lens.least_gain_principal:
             return ClipSolution(
-                clip_fit=moved, lens_model="radial and principal point",
+                clip_fit=moved,
+                lens_model="radial and principal point",
                 evidence=f"{text}; {told}, {lens.least_gain_principal:.0f} wanted",
             )
         text += f"; {told}, {lens.least_gain_principal:.0f} wanted: left at the centre"
@@ -175,6 +181,10 @@ def between(before: CourtCamera, after: CourtCamera, share: Float[np.ndarray, " 
         return (1 - weight) * a + weight * b
 
     return replace(
-        before, R_cam_from_world=R, focal_px=focal, position_world=mix(before.position_world, after.position_world),
-        radial=mix(before.radial, after.radial), principal_px=mix(before.principal_px, after.principal_px),
+        before,
+        R_cam_from_world=R,
+        focal_px=focal,
+        position_world=mix(before.position_world, after.position_world),
+        radial=mix(before.radial, after.radial),
+        principal_px=mix(before.principal_px, after.principal_px),
     )

@@ -15,7 +15,7 @@ from pgm_data.geometry.camera import Camera
 from pgm_data.geometry.rigid import rotation_from_rotvec
 
 ROTATION, FOCAL, CENTRE, RADIAL, PRINCIPAL = slice(0, 3), slice(3, 4), slice(4, 7), slice(7, 8), slice(8, 10)
-"""Columns of the derivatives: left-multiplied rotation vector (rad), log focal, centre (m), radial, principal point (px)."""
+"""Columns of the derivatives: left-multiplied rotation vector (rad), log focal, centre (m), radial, principal (px)."""
 PARAMETERS = 10
 
 
@@ -88,7 +88,9 @@ def step(camera: CourtCamera, delta: Float[np.ndarray, "*batch 10"]) -> CourtCam
     )
 
 
-def project(camera: CourtCamera, points_world: Float[np.ndarray, "*batch points 3"]) -> Float[np.ndarray, "*batch points 2"]:
+def project(
+    camera: CourtCamera, points_world: Float[np.ndarray, "*batch points 3"]
+) -> Float[np.ndarray, "*batch points 2"]:
     """Pixels of world points; NaN behind the camera or past the fold of the lens."""
     pixels, _ = _project(camera, points_world, with_jacobian=False)
     return pixels
@@ -103,7 +105,9 @@ def project_with_jacobian(
     return pixels, jacobian
 
 
-def _project(camera: CourtCamera, points_world: np.ndarray, *, with_jacobian: bool) -> tuple[np.ndarray, np.ndarray | None]:
+def _project(
+    camera: CourtCamera, points_world: np.ndarray, *, with_jacobian: bool
+) -> tuple[np.ndarray, np.ndarray | None]:
     R = camera.R_cam_from_world
     cam = (points_world - camera.position_world[..., None, :]) @ np.swapaxes(R, -1, -2)
     z = np.where(cam[..., 2] > 1e-9, cam[..., 2], np.nan)

@@ -32,7 +32,9 @@ class LineSamples:
     """Place on the line, -1 at its first end and 1 at its last."""
 
 
-def sample_lines(camera: CourtCamera, court: Court, *, size: tuple[int, int], spacing_px: float, most: int) -> LineSamples:
+def sample_lines(
+    camera: CourtCamera, court: Court, *, size: tuple[int, int], spacing_px: float, most: int
+) -> LineSamples:
     """Samples spread evenly in pixels over the visible parts of all lines, clear of the net's tape.
 
     Args:
@@ -73,8 +75,12 @@ def sample_lines(camera: CourtCamera, court: Court, *, size: tuple[int, int], sp
     clear = ~_beside_another_line(pixels, widths, line, place) & ~_on_net_tape(camera, court, pixels[line, place])
     line, place = line[clear], place[clear]
     return LineSamples(
-        line=line, points_world=world[line, place], pixels=pixels[line, place], normals=normals[line, place],
-        widths_px=widths[line, place], along=2 * share[place] - 1,
+        line=line,
+        points_world=world[line, place],
+        pixels=pixels[line, place],
+        normals=normals[line, place],
+        widths_px=widths[line, place],
+        along=2 * share[place] - 1,
     )
 
 
@@ -95,8 +101,12 @@ def moved_samples(camera: CourtCamera, court: Court, samples: LineSamples, *, si
     widths = 2 * np.abs(np.sum((edge - pixels) * normals, axis=-1))
     inside = (pixels >= 2.0).all(axis=-1) & (pixels <= np.array(size) - 3.0).all(axis=-1) & np.isfinite(widths)
     return LineSamples(
-        line=samples.line[inside], points_world=points[inside], pixels=pixels[inside], normals=normals[inside],
-        widths_px=widths[inside], along=samples.along[inside],
+        line=samples.line[inside],
+        points_world=points[inside],
+        pixels=pixels[inside],
+        normals=normals[inside],
+        widths_px=widths[inside],
+        along=samples.along[inside],
     )
 
 

@@ -47,7 +47,9 @@ def pose_of_homography(
     pixel_from_ground: Float[np.ndarray, "3 3"], focal_px: float, principal_px: Float[np.ndarray, " 2"]
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"]]:
     """Rotation cam_from_world and camera centre of a homography of the ground under a given focal length."""
-    K_inverse = np.array([[1 / focal_px, 0, -principal_px[0] / focal_px], [0, 1 / focal_px, -principal_px[1] / focal_px], [0, 0, 1]])
+    K_inverse = np.array(
+        [[1 / focal_px, 0, -principal_px[0] / focal_px], [0, 1 / focal_px, -principal_px[1] / focal_px], [0, 0, 1]]
+    )
     G = K_inverse @ pixel_from_ground
     G = G / np.sqrt(np.linalg.norm(G[:, 0]) * np.linalg.norm(G[:, 1]))
     if G[2, 2] < 0:  # The court's centre must lie in front of the camera.
@@ -96,7 +98,9 @@ def camera_of_points(
     if ground.sum() < 4:
         return None
     principal = (np.array(size, dtype=float) - 1) / 2
-    H, _ = cv2.findHomography(points_world[ground, :2], pixels[ground], cv2.RANSAC, threshold, maxIters=2000, confidence=0.999)
+    H, _ = cv2.findHomography(
+        points_world[ground, :2], pixels[ground], cv2.RANSAC, threshold, maxIters=2000, confidence=0.999
+    )
     if H is None:
         return None
     low, high = (share * size[0] for share in options.focal_per_width)
@@ -106,7 +110,10 @@ def camera_of_points(
     best: tuple[int, float, CourtCamera, np.ndarray] | None = None
     for guess in guesses:
         model = pycolmap.Camera(
-            model="SIMPLE_PINHOLE", width=size[0], height=size[1], params=[guess, principal[0] + 0.5, principal[1] + 0.5]
+            model="SIMPLE_PINHOLE",
+            width=size[0],
+            height=size[1],
+            params=[guess, principal[0] + 0.5, principal[1] + 0.5],
         )
         estimation = pycolmap.AbsolutePoseEstimationOptions()
         estimation.estimate_focal_length = False
@@ -140,6 +147,10 @@ def camera_of_points(
 
 def _court_camera(R: np.ndarray, position: np.ndarray, focal: float, size: tuple[int, int]) -> CourtCamera:
     return CourtCamera(
-        R_cam_from_world=R, focal_px=np.array(focal), position_world=position, radial=np.array(0.0),
-        principal_px=(np.array(size, dtype=float) - 1) / 2, half_diagonal_px=float(np.hypot(*size) / 2),
+        R_cam_from_world=R,
+        focal_px=np.array(focal),
+        position_world=position,
+        radial=np.array(0.0),
+        principal_px=(np.array(size, dtype=float) - 1) / 2,
+        half_diagonal_px=float(np.hypot(*size) / 2),
     )

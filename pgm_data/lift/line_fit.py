@@ -8,8 +8,8 @@ as two such rows with normals along x and y.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.polynomial.legendre import legvander
 from jaxtyping import Bool, Float, Int
+from numpy.polynomial.legendre import legvander
 
 from pgm_data.geometry.arrays import frozen
 from pgm_data.lift.court_camera import (
@@ -57,8 +57,12 @@ class Sightings:
     def __getitem__(self, index) -> "Sightings":
         """The sightings at the given leading index."""
         return Sightings(
-            points_world=self.points_world[index], measured_px=self.measured_px[index], normals=self.normals[index],
-            sigma_px=self.sigma_px[index], line=self.line[index], along=self.along[index],
+            points_world=self.points_world[index],
+            measured_px=self.measured_px[index],
+            normals=self.normals[index],
+            sigma_px=self.sigma_px[index],
+            line=self.line[index],
+            along=self.along[index],
             bias_px=self.bias_px[index],
         )
 
@@ -69,7 +73,7 @@ class Fit:
 
     camera: CourtCamera
     residual_px: Float[np.ndarray, "*batch rows"]
-    """Signed residuals along the normals, the lines' own shifts included; NaN for padding and where there is no image."""
+    """Signed residuals along the normals, the lines' own shifts included; NaN for padding and without an image."""
     inlier: Bool[np.ndarray, "*batch rows"]
     rms_px: Float[np.ndarray, "*batch"]
     """Root mean square residual of the inliers."""
@@ -85,7 +89,7 @@ def residuals(camera: CourtCamera, sightings: Sightings) -> tuple[np.ndarray, np
 
 
 def robust_weights(r: np.ndarray, sigma: np.ndarray, scale: np.ndarray, cut: float) -> np.ndarray:
-    """Tukey's weights, divided by the variance; zero beyond `cut` standard deviations, stated or found, whichever is more."""
+    """Tukey's weights over the variance; zero beyond `cut` standard deviations, stated or found, whichever is more."""
     z = r / (sigma * np.maximum(scale, 1.0)[..., None] * cut)
     inside = np.abs(np.nan_to_num(z, nan=2.0)) < 1
     return np.where(inside, (1 - np.where(inside, z, 0.0) ** 2) ** 2, 0.0) / (sigma * scale[..., None]) ** 2
@@ -170,7 +174,11 @@ def fit_track(
 
 
 def judge(
-    camera: CourtCamera, sightings: Sightings, *, cut: float = 4.0, course_px: np.ndarray | None = None,
+    camera: CourtCamera,
+    sightings: Sightings,
+    *,
+    cut: float = 4.0,
+    course_px: np.ndarray | None = None,
     crooked_px: float = 0.0,
 ) -> Fit:
     """The fit of a given camera: residuals, inliers, and information.

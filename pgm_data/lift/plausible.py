@@ -36,13 +36,20 @@ class TrustOptions:
     """Least and greatest radial lens term."""
 
 
-def line_counts(line: Int[np.ndarray, " rows"], lines: int, which: Bool[np.ndarray, " rows"]) -> Int[np.ndarray, " lines"]:
+def line_counts(
+    line: Int[np.ndarray, " rows"], lines: int, which: Bool[np.ndarray, " rows"]
+) -> Int[np.ndarray, " lines"]:
     """How many of the chosen rows lie on each line."""
     return np.bincount(line[which & (line >= 0)], minlength=lines)
 
 
 def frame_trust(
-    *, support: Int[np.ndarray, " lines"], readable: Int[np.ndarray, " lines"], rms_px: float, width: int, court: Court,
+    *,
+    support: Int[np.ndarray, " lines"],
+    readable: Int[np.ndarray, " lines"],
+    rms_px: float,
+    width: int,
+    court: Court,
     options: TrustOptions,
 ) -> str:
     """Why the frame's camera cannot be believed; empty where it can.

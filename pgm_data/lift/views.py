@@ -1,8 +1,8 @@
 """Frames condensed into distinct views, so that a still camera's hundred frames do not count a hundred times.
 
 What keeps a line from its place (crooked paint, a profile's bias) is the same in every frame of a still camera, while
-noise is fresh. So frames that look the same way are averaged: their residuals, each against its own frame's camera, give
-one sighting per stretch of line, with the noise of a mean.
+noise is fresh. So frames that look the same way are averaged: their residuals, each against its own frame's camera,
+give one sighting per stretch of line, with the noise of a mean.
 """
 
 import numpy as np
@@ -23,7 +23,9 @@ def group_views(
 
     When that makes more groups than `most`, groups spread evenly over the clip are kept.
     """
-    pixels = np.nan_to_num(project(cameras, np.broadcast_to(points_world, (len(cameras.focal_px), *points_world.shape))))
+    pixels = np.nan_to_num(
+        project(cameras, np.broadcast_to(points_world, (len(cameras.focal_px), *points_world.shape)))
+    )
     groups: list[list[int]] = []
     references: list[np.ndarray] = []
     for frame, view in enumerate(pixels):
@@ -82,7 +84,11 @@ def _averaged(fit: Fit, sightings: Sightings, group: np.ndarray, reference: Cour
     fresh = np.maximum(np.minimum(spread, mean(sigma) * 2), mean(sigma) / 2) / np.sqrt(frames)
     pixels = project(reference, world)
     return Sightings(
-        points_world=world, measured_px=pixels - normals * residual[:, None], normals=normals, sigma_px=fresh,
-        line=np.where(unique >= 0, unique // BINS, -1), along=mean(sightings.along[group][good]),
+        points_world=world,
+        measured_px=pixels - normals * residual[:, None],
+        normals=normals,
+        sigma_px=fresh,
+        line=np.where(unique >= 0, unique // BINS, -1),
+        along=mean(sightings.along[group][good]),
         bias_px=mean(sightings.bias_px[group][good]),
     )

@@ -16,8 +16,11 @@ from pgm_data.simulate.people import Cast, by_distance, draw_cast, placed
 from pgm_data.simulate.picture import Canvas, draw_over, draw_picture
 from pgm_data.simulate.shapes import polygons
 from pgm_data.simulate.textures import Textures, draw_textures
-from pgm_data.simulate.views import any_view, framed_pose
+from pgm_data.simulate.views import any_view, framed_pose, points_in_picture
 from pgm_data.simulate.world import draw_world
+
+CLOSE_UP_POINTS = 2
+"""Most crossings of the court that a close-up may show."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -166,6 +169,8 @@ def draw_close_up(rng: np.random.Generator, props: Props) -> Float[np.ndarray, "
     world = draw_world(rng, props.scene, [], props.textures, props.cast, centre, hard=True)
     nothing = polygons([])
     keeps_lines, has_net = rng.random() < 0.25, rng.random() < 0.3
+    # With more crossings in view the court could be placed, and no camera found there would be a false one.
+    keeps_lines = keeps_lines and points_in_picture(court, view, (width, height)) <= CLOSE_UP_POINTS
     world = replace(
         world,
         behind=nothing,

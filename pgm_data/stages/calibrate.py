@@ -23,7 +23,8 @@ from pgm_data.scene import Scene, load_scene
 from pgm_data.shots import MarkedFrame, capture_times, split_shots
 from pgm_data.stages.court_finder import CourtFinder
 from pgm_data.stages.court_search import SearchOptions
-from pgm_data.stages.court_track import Marks, ShotCameras, ShotTracker, TrackOptions
+from pgm_data.stages.court_track import Marks, ShotTracker, TrackOptions
+from pgm_data.stages.shot_cameras import ShotCameras
 from pgm_data.stages.work_folder import SHOTS, commit, staging_folder
 from pgm_data.video import VideoInfo, open_video
 
@@ -53,7 +54,8 @@ EFFORTS: dict[str, Effort] = {
     "best": Effort(
         search=SearchOptions(samples=320, spacing_px=4.0),
         track=TrackOptions(key_frames=240, detect_every=5),
-        lines_every=25, fast_decode=False,
+        lines_every=25,
+        fast_decode=False,
     ),
 }
 """The presets: browse an archive, work, publish."""
@@ -101,16 +103,28 @@ def run_job(arguments: dict, report: Callable[[dict], None]) -> dict:
     # stays done when the next run has other workers.
     threads = int(os.environ.get("OPENCV_FOR_THREADS_NUM") or 2)
     outcome = calibrate_video(
-        Path(arguments["video"]), Path(arguments["work"]), stem=arguments["stem"], match_id=arguments["match_id"],
-        options=CalibrateOptions(**arguments["options"]), source_path=arguments["source_path"], threads=threads,
+        Path(arguments["video"]),
+        Path(arguments["work"]),
+        stem=arguments["stem"],
+        match_id=arguments["match_id"],
+        options=CalibrateOptions(**arguments["options"]),
+        source_path=arguments["source_path"],
+        threads=threads,
         report=report,
     )
     return asdict(outcome)
 
 
 def calibrate_video(
-    video: Path, work: Path, *, stem: str, match_id: str, options: CalibrateOptions, source_path: str = "",
-    threads: int = 2, report: Callable[[dict], None] = lambda _: None,
+    video: Path,
+    work: Path,
+    *,
+    stem: str,
+    match_id: str,
+    options: CalibrateOptions,
+    source_path: str = "",
+    threads: int = 2,
+    report: Callable[[dict], None] = lambda _: None,
 ) -> VideoOutcome:
     """Calibrate one video into clip folders under the work folder.
 
@@ -148,8 +162,15 @@ def calibrate_video(
 
         def tracker() -> ShotTracker:
             made = ShotTracker(
-                court=court, fixed_centre=scene.camera_position == "fixed", size=size, search=effort.search,
-                trust=TrustOptions(), track=effort.track, lens=LensOptions(), find=finder, marks=marks,
+                court=court,
+                fixed_centre=scene.camera_position == "fixed",
+                size=size,
+                search=effort.search,
+                trust=TrustOptions(),
+                track=effort.track,
+                lens=LensOptions(),
+                find=finder,
+                marks=marks,
                 spool_folder=work,
             )
             spools.callback(made.spool.close)
@@ -171,7 +192,9 @@ def calibrate_video(
                 finder.look_at(frame)
                 unused.discard(frame.video_frame)
                 current.add(
-                    video_frame=frame.video_frame, timestamp=frame.timestamp, is_duplicate=marked.is_duplicate,
+                    video_frame=frame.video_frame,
+                    timestamp=frame.timestamp,
+                    is_duplicate=marked.is_duplicate,
                     luma=frame.luma,
                 )
             rows.add(marked)
@@ -275,8 +298,11 @@ class _ShotRows:
     def write(self, path: Path, *, video: str, scene: Scene) -> None:
         """Write the video's part of `shots.parquet`."""
         columns = {
-            "video": [video] * len(self.video_frame), "video_frame": np.array(self.video_frame, dtype=np.int64),
-            "timestamp": np.array(self.timestamp), "verdict": self.verdict, "reason": self.reason,
+            "video": [video] * len(self.video_frame),
+            "video_frame": np.array(self.video_frame, dtype=np.int64),
+            "timestamp": np.array(self.timestamp),
+            "verdict": self.verdict,
+            "reason": self.reason,
             "clip_id": self.clip_id,
         }
         write_table(path, table="shots", scene=scene, columns=columns)
@@ -296,24 +322,43 @@ def _write_clip(folder: Path, shot: ShotCameras, document: dict[str, Any], *, sc
     """Write one clip's camera and document into its new folder."""
     folder.mkdir()
     track = ClipCamera(
-        clip_id=folder.name, video_frame=shot.video_frame, timestamp=shot.timestamp, is_duplicate=shot.is_duplicate,
-        capture_time=capture_times(shot.timestamp, shot.is_duplicate), camera=shot.camera.as_camera(),
-        status=shot.status, reason=shot.reason, inliers=shot.inliers.astype(np.int32),
-        reprojection_px=shot.reprojection_px, position_cov=shot.position_cov, focal_std_px=shot.focal_std_px,
+        clip_id=folder.name,
+        video_frame=shot.video_frame,
+        timestamp=shot.timestamp,
+        is_duplicate=shot.is_duplicate,
+        capture_time=capture_times(shot.timestamp, shot.is_duplicate),
+        camera=shot.camera.as_camera(),
+        status=shot.status,
+        reason=shot.reason,
+        inliers=shot.inliers.astype(np.int32),
+        reprojection_px=shot.reprojection_px,
+        position_cov=shot.position_cov,
+        focal_std_px=shot.focal_std_px,
     )
     write_clip_camera(folder, track, scene=scene)
     write_document(folder / "clip.json", "clip", document)
 
 
 def _clip_document(
-    clip_id: str, shot: ShotCameras, video: Path, source: str, info: VideoInfo, match_id: str, scene: Scene,
+    clip_id: str,
+    shot: ShotCameras,
+    video: Path,
+    source: str,
+    info: VideoInfo,
+    match_id: str,
+    scene: Scene,
     options: CalibrateOptions,
 ) -> dict[str, Any]:
     has = shot.status != "none"
     focal = shot.camera.focal_px[has]
     solution = shot.solution
-    lens, why = ("pinhole", "a moving camera: each frame is solved by itself") if solution is None else (
-        solution.lens_model, solution.evidence,
+    lens, why = (
+        ("pinhole", "a moving camera: each frame is solved by itself")
+        if solution is None
+        else (
+            solution.lens_model,
+            solution.evidence,
+        )
     )
     variance = np.nanmean(shot.position_cov[has][:, [0, 3, 5]], axis=0)
     position = np.mean(shot.camera.position_world[has], axis=0)

@@ -17,10 +17,16 @@ SURE_SCORE, LEAST_SCORE = 0.5, 0.2
 
 
 class CourtFinder:
-    """Guesses for one video; knows the frame that is being looked at, and how often the slow second opinion was asked."""
+    """Guesses for one video; knows the frame that is looked at, and how often the slow second opinion was asked."""
 
     def __init__(
-        self, court: Court, *, network: CourtNetwork | None, size: tuple[int, int], marks: Mapping[int, Marks], lines_every: int
+        self,
+        court: Court,
+        *,
+        network: CourtNetwork | None,
+        size: tuple[int, int],
+        marks: Mapping[int, Marks],
+        lines_every: int,
     ) -> None:
         """Start a video.
 

@@ -70,8 +70,14 @@ class Sight:
 
 
 def observe(
-    luma: np.ndarray, camera: CourtCamera, court: Court, *, search_px: float, options: SearchOptions,
-    samples: LineSamples | None = None, look: LineLook | None = None,
+    luma: np.ndarray,
+    camera: CourtCamera,
+    court: Court,
+    *,
+    search_px: float,
+    options: SearchOptions,
+    samples: LineSamples | None = None,
+    look: LineLook | None = None,
 ) -> Observation:
     """The painted lines of a picture measured where a camera expects them.
 
@@ -93,7 +99,9 @@ def observe(
     expected = (luma, samples.pixels, samples.normals, samples.widths_px)
     if look is None:
         look = look_of_lines(*expected, samples.line, lines, RidgeOptions(search_px=search_px))
-    ridges = measure_ridges(*expected, RidgeOptions(search_px=search_px, blur_px=look.blur_px), look.spill[samples.line])
+    ridges = measure_ridges(
+        *expected, RidgeOptions(search_px=search_px, blur_px=look.blur_px), look.spill[samples.line]
+    )
     tolerance = max(1.0, 0.12 * search_px)
     good = on_course(samples.line, samples.along, ridges.offset_px, tolerance_px=tolerance)
     readable = line_counts(samples.line, lines, ridges.readable)
@@ -102,7 +110,14 @@ def observe(
     rows = np.flatnonzero(faint[samples.line])
     if len(rows) and search_px <= FAINT_SEARCH * luma.shape[1]:
         longer = RidgeOptions(search_px=search_px, blur_px=look.blur_px, averaged=21, least_contrast=1.5)
-        again = measure_ridges(luma, *(part[rows] for part in expected[1:]), longer, look.spill[samples.line[rows]])
+        again = measure_ridges(
+            luma,
+            samples.pixels[rows],
+            samples.normals[rows],
+            samples.widths_px[rows],
+            longer,
+            look.spill[samples.line[rows]],
+        )
         good[rows] = on_course(samples.line[rows], samples.along[rows], again.offset_px, tolerance_px=tolerance)
         ridges = merged(ridges, again, rows)
     sightings = Sightings(
@@ -118,7 +133,12 @@ def observe(
 
 
 def settle(
-    luma: np.ndarray, first: CourtCamera, court: Court, *, options: SearchOptions, trust: TrustOptions,
+    luma: np.ndarray,
+    first: CourtCamera,
+    court: Court,
+    *,
+    options: SearchOptions,
+    trust: TrustOptions,
     keep_lens: bool = False,
 ) -> Sight | None:
     """The camera that the picture's lines lead to from a first one; None where they lead nowhere.
@@ -142,8 +162,12 @@ def settle(
             return None
         off[7] = float(camera.radial) - TYPICAL_RADIAL[0]
         fit = fit_track(
-            camera, observation.sightings, free=FREE_LENS, crooked_px=options.crooked * width + 0.05,
-            lines=len(court.line_names), prior=(std, off),
+            camera,
+            observation.sightings,
+            free=FREE_LENS,
+            crooked_px=options.crooked * width + 0.05,
+            lines=len(court.line_names),
+            prior=(std, off),
         )
         camera = fit.camera
         if camera_trust(camera, court, width=width, options=trust):
@@ -157,7 +181,12 @@ def judged(fit: Fit, observation: Observation, *, court: Court, width: int, trus
     """The verdict on one picture's fit."""
     support = fit_support(fit, observation.sightings, len(court.line_names))
     reason = frame_trust(
-        support=support, readable=observation.readable, rms_px=float(fit.rms_px), width=width, court=court, options=trust
+        support=support,
+        readable=observation.readable,
+        rms_px=float(fit.rms_px),
+        width=width,
+        court=court,
+        options=trust,
     ) or camera_trust(fit.camera, court, width=width, options=trust)
     share = float(support.sum() / max(observation.readable.sum(), 1))
     return Sight(camera=fit.camera, fit=fit, observation=observation, share=share, reason=reason)
@@ -166,7 +195,7 @@ def judged(fit: Fit, observation: Observation, *, court: Court, width: int, trus
 def best_sight(
     luma: np.ndarray, firsts: Iterable[CourtCamera], court: Court, *, options: SearchOptions, trust: TrustOptions
 ) -> Sight | None:
-    """The best-supported camera that any of the first cameras leads to, believed or not; None where none leads anywhere.
+    """The best-supported camera that any first camera leads to, believed or not; None where none leads anywhere.
 
     A believed camera ends the search: no two cameras of one picture pass together.
     """

@@ -1,22 +1,19 @@
 """One shot's cameras: found once, followed from frame to frame, and solved together when the shot ends."""
 
-import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, Shaped
+from jaxtyping import Float
 
 from pgm_data.court import Court
 from pgm_data.detect.lines import LineLook
-from pgm_data.geometry.rigid import rotvec_from_rotation
 from pgm_data.lift.clip_fit import ClipFitOptions
 from pgm_data.lift.clip_solve import (
     ClipSolution,
     FrameCameras,
     LensOptions,
-    between,
     key_frames,
     solve_frames,
     solve_moving,
@@ -26,9 +23,8 @@ from pgm_data.lift.court_camera import PARAMETERS, CourtCamera, project
 from pgm_data.lift.line_fit import FREE_LENS, FREE_POSE, TURN, Sightings, fit_track
 from pgm_data.lift.plausible import TrustOptions, camera_trust, frame_trust, line_counts
 from pgm_data.stages.court_search import SearchOptions, Sight, best_sight, judged, observe, settle
-
-COLUMNS = 11
-"""Numbers spooled per sighting: world point 3, pixel 2, normal 2, sigma, line, place on the line, shared error."""
+from pgm_data.stages.court_spool import Spool, packed, unpacked
+from pgm_data.stages.shot_cameras import ShotCameras, blank_track, bridge, jitter, set_frames
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,76 +57,6 @@ class Marks:
     pixels: Float[np.ndarray, "points 2"]
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ShotCameras:
-    """Every frame of one shot."""
-
-    video_frame: Int[np.ndarray, " frames"]
-    timestamp: Float[np.ndarray, " frames"]
-    is_duplicate: Bool[np.ndarray, " frames"]
-    camera: CourtCamera
-    """NaN where the status is `none`."""
-    status: Shaped[np.ndarray, " frames"]
-    reason: Shaped[np.ndarray, " frames"]
-    inliers: Int[np.ndarray, " frames"]
-    reprojection_px: Float[np.ndarray, " frames"]
-    position_cov: Float[np.ndarray, "frames 6"]
-    focal_std_px: Float[np.ndarray, " frames"]
-    solution: ClipSolution | None
-    """What the frames share; None for moving cameras and where no frame has one."""
-    jitter_px: float | None
-    """Frame-to-frame shake of a camera that stands still."""
-
-    @property
-    def solved(self) -> bool:
-        """Whether any frame has a camera."""
-        return bool((self.status != "none").any())
-
-
-class Spool:
-    """Sightings of a shot's frames kept on disk, so that memory does not grow with its length."""
-
-    def __init__(self, rows: int, folder: Path | None) -> None:
-        self.rows = rows
-        self.file = tempfile.TemporaryFile(dir=folder, prefix=".sightings-")
-        self.count = 0
-
-    def append(self, sightings: Sightings) -> int:
-        """Keep one frame's sightings (the first `rows` of them); returns their place."""
-        parts = [
-            sightings.points_world, sightings.measured_px, sightings.normals, sightings.sigma_px[:, None],
-            sightings.line[:, None], sightings.along[:, None], sightings.bias_px[:, None],
-        ]
-        table = np.full((self.rows, COLUMNS), np.nan, np.float32)
-        values = np.concatenate(parts, axis=1)[: self.rows]
-        table[: len(values)] = values
-        self.file.seek(self.count * table.nbytes)
-        self.file.write(table.tobytes())
-        self.count += 1
-        return self.count - 1
-
-    def read(self, places: Iterable[int] | Int[np.ndarray, " places"]) -> Sightings:
-        """The frames' sightings as one padded track."""
-        size = self.rows * COLUMNS * 4
-        tables = []
-        for place in places:
-            self.file.seek(place * size)
-            tables.append(np.frombuffer(self.file.read(size), np.float32).reshape(self.rows, COLUMNS))
-        table = np.stack(tables).astype(np.float64)
-        real = np.isfinite(table[..., 7])
-        table = np.where(real[..., None], table, 0.0)
-        return Sightings(
-            points_world=table[..., :3], measured_px=table[..., 3:5], normals=table[..., 5:7],
-            sigma_px=np.where(real, table[..., 7], np.inf),
-            line=np.where(real, table[..., 8], -1).astype(np.int64), along=table[..., 9],
-            bias_px=table[..., 10],
-        )
-
-    def close(self) -> None:
-        """Give the disk space back."""
-        self.file.close()
-
-
 @dataclass
 class _Rows:
     """What is kept of every frame while a shot goes on."""
@@ -147,9 +73,18 @@ class ShotTracker:
     """Follows one shot; feed it frames in order, then `finish`."""
 
     def __init__(
-        self, *, court: Court, fixed_centre: bool, size: tuple[int, int], search: SearchOptions, trust: TrustOptions,
-        track: TrackOptions, lens: LensOptions, find: Callable[[int], Iterable[CourtCamera]],
-        marks: Mapping[int, Marks], spool_folder: Path | None,
+        self,
+        *,
+        court: Court,
+        fixed_centre: bool,
+        size: tuple[int, int],
+        search: SearchOptions,
+        trust: TrustOptions,
+        track: TrackOptions,
+        lens: LensOptions,
+        find: Callable[[int], Iterable[CourtCamera]],
+        marks: Mapping[int, Marks],
+        spool_folder: Path | None,
     ) -> None:
         """Start a shot.
 
@@ -244,15 +179,24 @@ class ShotTracker:
         view = project(camera, self.court.points_world)
         moved = self.samples is None or not np.nanmax(np.abs(view - self.samples_at), initial=0.0) < 3.0
         observation = observe(
-            luma, camera, self.court, search_px=max(self.search.follow * width, 3.0), options=self.search,
-            samples=None if moved else self.samples, look=self.look,
+            luma,
+            camera,
+            self.court,
+            search_px=max(self.search.follow * width, 3.0),
+            options=self.search,
+            samples=None if moved else self.samples,
+            look=self.look,
         )
         if moved:
             self.samples, self.samples_at = observation.samples, view
         if len(observation.sightings.line) >= 12:
             fit = fit_track(
-                camera, observation.sightings, free=TURN if self.fixed else FREE_POSE,
-                crooked_px=0.0 if self.fixed else self.search.crooked * width + 0.05, lines=self.lines, steps=5,
+                camera,
+                observation.sightings,
+                free=TURN if self.fixed else FREE_POSE,
+                crooked_px=0.0 if self.fixed else self.search.crooked * width + 0.05,
+                lines=self.lines,
+                steps=5,
             )
             sight = judged(fit, observation, court=self.court, width=width, trust=self.trust)
             if not sight.reason:
@@ -273,7 +217,7 @@ class ShotTracker:
     def _keep(self, index: int, camera: CourtCamera, sightings: Sightings, readable: np.ndarray) -> None:
         self.rows.place[index] = self.spool.append(sightings)
         self.rows.reason[index] = ""
-        self.found.append(_packed(camera))
+        self.found.append(packed(camera))
         self.readable.append(readable.astype(np.int16))
         self.camera, self.last_measured = camera, index
         if self.fixed and len(self.found) in self.track.refit_at:
@@ -281,7 +225,7 @@ class ShotTracker:
 
     def _refit(self) -> None:
         """Solve the working centre and lens again from frames seen so far."""
-        track = _unpacked(self.found, self.size)
+        track = unpacked(self.found, self.size)
         chosen = key_frames(track, 12)
         solution = self._shared(track[chosen], self.spool.read(chosen))
         last = len(self.found) - 1
@@ -302,7 +246,9 @@ class ShotTracker:
             return
         std = np.full(PARAMETERS, 1e6)
         std[7] = 0.03
-        fit = fit_track(first, points, free=FREE_LENS, crooked_px=0.0, lines=self.lines, prior=(std, np.zeros(PARAMETERS)))
+        fit = fit_track(
+            first, points, free=FREE_LENS, crooked_px=0.0, lines=self.lines, prior=(std, np.zeros(PARAMETERS))
+        )
         reason = camera_trust(fit.camera, self.court, width=self.size[0], options=self.trust)
         if reason or not fit.inlier.mean() > 0.7:
             self.rows.reason[index] = f"the marked points fit no camera: {reason or 'they disagree with each other'}"
@@ -334,14 +280,14 @@ class ShotTracker:
         reason = np.array(rows.reason, dtype=object)
         enough = len(self.found) >= min(self.track.least_frames, max(count // max(self.track.stride, 1), 1))
         solution: ClipSolution | None = None
-        blank = _blank(count, self.size)
+        blank = blank_track(count)
         inliers, rms = np.zeros(count, int), np.full(count, np.nan)
         cov, focal_std = np.full((count, 6), np.nan), np.full(count, np.nan)
         status = np.full(count, "none", dtype=object)
         if len(self.found) and not enough:
             reason[place >= 0] = f"court in view for only {len(self.found)} frames"
         if len(self.found) and enough:
-            track = _unpacked(self.found, self.size)
+            track = unpacked(self.found, self.size)
             if self.fixed:
                 chosen = key_frames(track, self.track.key_frames)
                 solution = self._shared(track[chosen], self.spool.read(chosen))
@@ -361,19 +307,30 @@ class ShotTracker:
                         reason[frames] = verdicts[offset]
                         continue
                     status[frames], reason[frames] = "measured", ""
-                    _set(blank, frames, solved.fit.camera[offset])
+                    set_frames(blank, frames, solved.fit.camera[offset])
                     inliers[frames] = solved.fit.inlier[offset].sum()
                     rms[frames] = solved.fit.rms_px[offset]
                     cov[frames], focal_std[frames] = solved.position_cov[offset], solved.focal_std_px[offset]
-            _bridge(blank, status, reason, cov, focal_std, times, self.track.bridge_s)
+            bridge(blank, status, reason, cov, focal_std, times, self.track.bridge_s)
         self.spool.close()
         camera = CourtCamera(**blank, half_diagonal_px=float(np.hypot(*self.size) / 2))
-        reason = np.array([r or ("no court found" if s == "none" else "") for r, s in zip(reason, status, strict=True)], dtype=object)
+        reason = np.array(
+            [r or ("no court found" if s == "none" else "") for r, s in zip(reason, status, strict=True)], dtype=object
+        )
         duplicate = np.array(rows.is_duplicate, dtype=bool)
         return ShotCameras(
-            video_frame=np.array(rows.video_frame, dtype=np.int64), timestamp=times, is_duplicate=duplicate, camera=camera,
-            status=status, reason=reason, inliers=inliers, reprojection_px=rms, position_cov=cov, focal_std_px=focal_std,
-            solution=solution, jitter_px=jitter(camera, (status == "measured") & ~duplicate, self.size[0]),
+            video_frame=np.array(rows.video_frame, dtype=np.int64),
+            timestamp=times,
+            is_duplicate=duplicate,
+            camera=camera,
+            status=status,
+            reason=reason,
+            inliers=inliers,
+            reprojection_px=rms,
+            position_cov=cov,
+            focal_std_px=focal_std,
+            solution=solution,
+            jitter_px=jitter(camera, (status == "measured") & ~duplicate, self.size[0]),
         )
 
     def _solve(self, cameras: CourtCamera, sightings: Sightings, solution: ClipSolution | None) -> FrameCameras:
@@ -392,54 +349,27 @@ class ShotTracker:
             trouble = camera_trust(camera, self.court, width=self.size[0], options=self.trust)
             if not trouble and seen.sum():  # Frames that rest on a person's marks alone have no samples to count.
                 trouble = frame_trust(
-                    support=line_counts(sightings.line[offset], self.lines, solved.fit.inlier[offset]), readable=seen,
-                    rms_px=float(solved.fit.rms_px[offset]), width=self.size[0], court=self.court, options=self.trust,
+                    support=line_counts(sightings.line[offset], self.lines, solved.fit.inlier[offset]),
+                    readable=seen,
+                    rms_px=float(solved.fit.rms_px[offset]),
+                    width=self.size[0],
+                    court=self.court,
+                    options=self.trust,
                 )
             verdicts.append(trouble)
         return verdicts
 
 
-def jitter(camera: CourtCamera, measured: Bool[np.ndarray, " frames"], width: int) -> float | None:
-    """Frame-to-frame shake of a still camera, pixels; None where it moves or too few frames follow each other.
-
-    The robust spread of second differences of pan and tilt over sqrt(6), which a slow drift does not enter.
-    """
-    runs = measured[:-2] & measured[1:-1] & measured[2:]
-    if runs.sum() < 5:
-        return None
-    at = np.flatnonzero(measured)
-    first = camera.R_cam_from_world[at[0]]
-    turn = rotvec_from_rotation(camera.R_cam_from_world[measured] @ first.T) * camera.focal_px[measured][:, None]
-    if np.ptp(turn[:, :2], axis=0).max() > 0.01 * width:
-        return None
-    path = np.full((len(measured), 2), np.nan)
-    path[measured] = turn[:, :2]
-    second = path[2:] - 2 * path[1:-1] + path[:-2]
-    return float(1.4826 * np.nanmedian(np.abs(second[runs])) / np.sqrt(6))
-
-
-def _packed(camera: CourtCamera) -> np.ndarray:
-    """One camera as 16 numbers: a long shot keeps one per frame."""
-    return np.concatenate(
-        [camera.R_cam_from_world.ravel(), camera.position_world, camera.principal_px, [camera.focal_px, camera.radial]]
-    )
-
-
-def _unpacked(rows: list[np.ndarray], size: tuple[int, int]) -> CourtCamera:
-    """The track of packed cameras."""
-    table = np.stack(rows)
-    return CourtCamera(
-        R_cam_from_world=table[:, :9].reshape(-1, 3, 3), position_world=table[:, 9:12], principal_px=table[:, 12:14],
-        focal_px=table[:, 14], radial=table[:, 15], half_diagonal_px=float(np.hypot(*size) / 2),
-    )
-
-
 def _point_sightings(marks: Marks, sigma_px: float) -> Sightings:
     count = len(marks.pixels)
     return Sightings(
-        points_world=np.repeat(marks.points_world, 2, axis=0), measured_px=np.repeat(marks.pixels, 2, axis=0),
-        normals=np.tile(np.eye(2), (count, 1)), sigma_px=np.full(2 * count, sigma_px),
-        line=np.full(2 * count, -1), along=np.zeros(2 * count), bias_px=np.zeros(2 * count),
+        points_world=np.repeat(marks.points_world, 2, axis=0),
+        measured_px=np.repeat(marks.pixels, 2, axis=0),
+        normals=np.tile(np.eye(2), (count, 1)),
+        sigma_px=np.full(2 * count, sigma_px),
+        line=np.full(2 * count, -1),
+        along=np.zeros(2 * count),
+        bias_px=np.zeros(2 * count),
     )
 
 
@@ -450,39 +380,3 @@ def _joined(a: Sightings, b: Sightings) -> Sightings:
             for name in ("points_world", "measured_px", "normals", "sigma_px", "line", "along", "bias_px")
         }
     )
-
-
-def _blank(count: int, size: tuple[int, int]) -> dict[str, np.ndarray]:
-    return {
-        "R_cam_from_world": np.full((count, 3, 3), np.nan), "focal_px": np.full(count, np.nan),
-        "position_world": np.full((count, 3), np.nan), "radial": np.full(count, np.nan),
-        "principal_px": np.full((count, 2), np.nan),
-    }
-
-
-def _set(blank: dict[str, np.ndarray], frame, camera: CourtCamera) -> None:
-    for name, values in blank.items():
-        values[frame] = getattr(camera, name)
-
-
-def _bridge(
-    blank: dict[str, np.ndarray], status: np.ndarray, reason: np.ndarray, cov: np.ndarray, focal_std: np.ndarray,
-    times: np.ndarray, longest_s: float,
-) -> None:
-    """Fill short gaps between measured frames, in place; frames beyond the last or before the first stay empty."""
-    measured = np.flatnonzero(status == "measured")
-    whole = CourtCamera(**blank, half_diagonal_px=1.0)
-    for a, b in zip(measured[:-1], measured[1:], strict=True):
-        if b - a < 2 or times[b] - times[a] > longest_s:
-            continue
-        gap = np.arange(a + 1, b)
-        cameras = between(whole[a], whole[b], (times[gap] - times[a]) / (times[b] - times[a]))
-        _set(blank, gap, cameras)
-        why = reason[gap[0]] or "no court found"
-        status[gap] = "interpolated"
-        reason[gap] = [f"bridged: {reason[g] or why}" for g in gap]
-        cov[gap] = cov[a]
-        drift = abs(whole.focal_px[b] - whole.focal_px[a]) / 2
-        focal_std[gap] = np.hypot(max(focal_std[a], focal_std[b]), drift)
-
-

@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from pgm_data.dataset.files import whole_file
 from pgm_data.scene import load_scene
@@ -89,7 +90,8 @@ class TradeFigures:
             },
         )
         return lines + dominance_lines(
-            [s.preset for s in self.real], [1 / s.fps for s in self.real],
+            [s.preset for s in self.real],
+            [1 / s.fps for s in self.real],
             {"error at hand-read points": [s.rms_median_px for s in self.real]},
         )
 
@@ -190,9 +192,13 @@ def run_trade(
 def _drawing_jobs(options: TradeOptions, folder: Path) -> list[Job]:
     width, height = options.size
     common = {
-        "out": str(folder.resolve()), "scene": options.scene, "seed": options.seed, "frames": options.frames,
-        "width": width, "height": height,
-    }  # fmt: skip
+        "out": str(folder.resolve()),
+        "scene": options.scene,
+        "seed": options.seed,
+        "frames": options.frames,
+        "width": width,
+        "height": height,
+    }
     return [
         Job(name=f"draw {number:03d}", stage="trade", entry=DRAW, arguments=common | {"number": number})
         for number in range(options.clips)
@@ -202,51 +208,65 @@ def _drawing_jobs(options: TradeOptions, folder: Path) -> list[Job]:
 def _scoring_jobs(options: TradeOptions, data: Path) -> list[Job]:
     return [
         Job(
-            name=f"{quality} {video.stem}", stage="trade", entry=SCORE,
+            name=f"{quality} {video.stem}",
+            stage="trade",
+            entry=SCORE,
             arguments=_calibration(options, quality)
             | {"video": str(video), "truth": [str(folder.resolve()) for folder in folders]},
         )
         for video, folders in sorted(truth_of(data).items())
         for quality in options.qualities
-    ]  # fmt: skip
+    ]
 
 
 def _looking_jobs(options: TradeOptions) -> list[Job]:
     sources = [] if options.real is None else real_sources(options.real.resolve(), options.scene)
     width, height = options.size
     common = {
-        "scene": options.scene, "network": options.network, "qualities": list(options.qualities), "seed": options.seed,
-        "width": width, "height": height, "scratch": str(options.state_dir.resolve()),
+        "scene": options.scene,
+        "network": options.network,
+        "qualities": list(options.qualities),
+        "seed": options.seed,
+        "width": width,
+        "height": height,
+        "scratch": str(options.state_dir.resolve()),
         "sources": [[str(source.path), source.first_frame] for source in sources],
-        "real": round(REAL_SHARE * options.negatives) if sources else 0, "out": str((options.out / "false").resolve()),
-    }  # fmt: skip
+        "real": round(REAL_SHARE * options.negatives) if sources else 0,
+        "out": str((options.out / "false").resolve()),
+    }
     return [
         Job(
-            name=f"pictures {first:05d}", stage="trade", entry=LOOK,
+            name=f"pictures {first:05d}",
+            stage="trade",
+            entry=LOOK,
             arguments=common | {"first": first, "count": min(BATCH, options.negatives - first)},
         )
         for first in range(0, options.negatives, BATCH)
-    ]  # fmt: skip
+    ]
 
 
 def _real_jobs(options: TradeOptions, real: Path) -> list[Job]:
     real = real.resolve()
     return [
         Job(
-            name=f"{quality} real {video.name}", stage="trade", entry=REAL,
+            name=f"{quality} real {video.name}",
+            stage="trade",
+            entry=REAL,
             arguments=_calibration(options, quality) | {"video": str(video), "real": str(real)},
         )
         for video in real_videos(real, options.scene)
         for quality in options.qualities
-    ]  # fmt: skip
+    ]
 
 
 def _calibration(options: TradeOptions, quality: str) -> dict[str, str]:
     """Arguments of every job that calibrates."""
     return {
-        "scene": options.scene, "quality": quality, "network": options.network,
+        "scene": options.scene,
+        "quality": quality,
+        "network": options.network,
         "scratch": str((options.state_dir / "scratch").resolve()),
-    }  # fmt: skip
+    }
 
 
 def _figures(
@@ -267,11 +287,13 @@ def _figures(
 
 def _score(result: dict) -> ClipScore:
     triples = {name: None if result[name] is None else tuple(result[name]) for name in ("centre_m", "centre_sigma_m")}
-    return ClipScore(**(result | triples))
+    fields: dict[str, Any] = result | triples
+    return ClipScore(**fields)
 
 
 def _real_score(result: dict) -> RealScore:
-    return RealScore(**(result | {"read": tuple(ReadFrame(**frame) for frame in result["read"])}))
+    fields: dict[str, Any] = result | {"read": tuple(ReadFrame(**frame) for frame in result["read"])}
+    return RealScore(**fields)
 
 
 def _write_rows(path: Path, outcomes: Sequence[JobOutcome]) -> None:

@@ -27,7 +27,10 @@ def draw_clip(arguments: dict, report: Report) -> dict:
     cv2.setNumThreads(1)
     number = int(arguments["number"])
     options = ClipOptions(
-        frames=arguments["frames"], width=arguments["width"], height=arguments["height"], duplicates=number % 4 == 3,
+        frames=arguments["frames"],
+        width=arguments["width"],
+        height=arguments["height"],
+        duplicates=number % 4 == 3,
     )
     scene = load_scene(arguments["scene"])
     written = write_match(
@@ -44,8 +47,12 @@ def score_clip(arguments: dict, report: Report) -> dict:
     solved, documents, outcome, cpu_s = calibrated(video, arguments, report)
     document = read_document(truth[0] / "clip.json", "clip")
     score = score_video(
-        video=video.stem, preset=arguments["quality"], size=(document["width"], document["height"]), solved=solved,
-        truth=[read_clip_camera(folder) for folder in truth], court=scene.court,
+        video=video.stem,
+        preset=arguments["quality"],
+        size=(document["width"], document["height"]),
+        solved=solved,
+        truth=[read_clip_camera(folder) for folder in truth],
+        court=scene.court,
         lens_model=documents[0]["lens_model"]["model"] if documents else "",
         cost=Cost(seconds=outcome.seconds, cpu_s=cpu_s, memory_mb=outcome.peak_memory_mb),
     )
@@ -96,4 +103,3 @@ def truth_of(folder: Path) -> dict[Path, list[Path]]:
     if not found:
         raise ValueError(f"{folder}: expected videos with their truth, as pgm simulate writes them, got none")
     return {video: [folder for _, folder in sorted(clips)] for video, clips in found.items()}
-

@@ -22,7 +22,8 @@ from pgm_data.scene import load_scene
 from pgm_data.simulate.negative import draw_negative, draw_props
 from pgm_data.stages.calibrate import EFFORTS, Effort
 from pgm_data.stages.court_finder import CourtFinder
-from pgm_data.stages.court_track import ShotCameras, ShotTracker
+from pgm_data.stages.court_track import ShotTracker
+from pgm_data.stages.shot_cameras import ShotCameras
 from pgm_data.video import PictureFrame, open_video
 
 OTHER_SPORTS = "other_sports"
@@ -69,42 +70,64 @@ def look_for_court(arguments: dict, report: Callable[[dict], None]) -> dict:
         for quality in arguments["qualities"]:
             begun = time.monotonic()
             shot = cameras_of_picture(
-                picture, court, network, effort=EFFORTS[quality], fixed_centre=scene.camera_position == "fixed",
+                picture,
+                court,
+                network,
+                effort=EFFORTS[quality],
+                fixed_centre=scene.camera_position == "fixed",
                 spool_folder=Path(arguments["scratch"]),
             )
             seconds[quality] += time.monotonic() - begun
             if shot.solved:
                 name = f"{quality}_{number:05d}.png"
                 _save(Path(arguments["out"]) / name, picture)
-                cameras.append({
-                    "preset": quality, "picture": number, "origin": origin, "seed": seed, "file": name,
-                    "inliers": int(shot.inliers[0]), "rms_px": float(shot.reprojection_px[0]),
-                })  # fmt: skip
+                cameras.append(
+                    {
+                        "preset": quality,
+                        "picture": number,
+                        "origin": origin,
+                        "seed": seed,
+                        "file": name,
+                        "inliers": int(shot.inliers[0]),
+                        "rms_px": float(shot.reprojection_px[0]),
+                    }
+                )
         report({"progress": done + 1, "total": count})
     real = sum(number < arguments["real"] for number in range(first, first + count))
     return {"pictures": count, "real": real, "false": cameras, "look_s": seconds}
 
 
 def cameras_of_picture(
-    picture: UInt8[np.ndarray, "height width 3"], court: Court, network: CourtNetwork | None, *, effort: Effort,
-    fixed_centre: bool, spool_folder: Path | None,
+    picture: UInt8[np.ndarray, "height width 3"],
+    court: Court,
+    network: CourtNetwork | None,
+    *,
+    effort: Effort,
+    fixed_centre: bool,
+    spool_folder: Path | None,
 ) -> ShotCameras:
     """What the calibration makes of a video of this one picture."""
     size = (picture.shape[1], picture.shape[0])
     frame = PictureFrame(picture)
     finder = CourtFinder(court, network=network, size=size, marks={}, lines_every=effort.lines_every)
     tracker = ShotTracker(
-        court=court, fixed_centre=fixed_centre, size=size, search=effort.search, trust=TrustOptions(), track=effort.track,
-        lens=LensOptions(), find=finder, marks={}, spool_folder=spool_folder,
+        court=court,
+        fixed_centre=fixed_centre,
+        size=size,
+        search=effort.search,
+        trust=TrustOptions(),
+        track=effort.track,
+        lens=LensOptions(),
+        find=finder,
+        marks={},
+        spool_folder=spool_folder,
     )
     finder.look_at(frame)
     tracker.add(video_frame=0, timestamp=0.0, is_duplicate=False, luma=frame.luma)
     return tracker.finish()
 
 
-def changed(
-    rng: np.random.Generator, picture: UInt8[np.ndarray, "height width 3"]
-) -> UInt8[np.ndarray, "tall wide 3"]:
+def changed(rng: np.random.Generator, picture: UInt8[np.ndarray, "height width 3"]) -> UInt8[np.ndarray, "tall wide 3"]:
     """A part of the picture, perhaps mirrored, in other light, blurred and compressed, at another size."""
     height, width = picture.shape[:2]
     part = rng.uniform(0.4, 1.0)
@@ -161,7 +184,7 @@ def _real_pictures(numbers: Sequence[int], sources: Sequence[Source], seed: int)
                 if not waiting:
                     break
             if waiting:
-                raise ValueError(f"{source.path}: expected frames up to {max(wanted.values())}, got {frame.video_frame + 1}")
+                raise ValueError(f"{source.path}: expected frames up to {max(wanted.values())}, got fewer")
 
 
 def _save(path: Path, picture: np.ndarray) -> None:

@@ -38,8 +38,8 @@ def plot_svg(panels: Sequence[Panel]) -> str:
     body = "".join(f'<g transform="translate({i * WIDTH} 0)">{_panel(p)}</g>' for i, p in enumerate(panels))
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {HEIGHT}" width="{width}" height="{HEIGHT}" '
-        f'font-family="sans-serif" font-size="12" fill="#222"><rect width="{width}" height="{HEIGHT}" fill="#fff"/>{body}'
-        "</svg>\n"
+        f'font-family="sans-serif" font-size="12" fill="#222"><rect width="{width}" height="{HEIGHT}" fill="#fff"/>'
+        f"{body}</svg>\n"
     )
 
 
@@ -65,9 +65,8 @@ def _panel(panel: Panel) -> str:
     parts.append(f'<path d="M{LEFT} {TOP}V{TOP + tall}H{LEFT + inner}" stroke="#444" fill="none"/>')
     middle = LEFT + inner / 2
     parts.append(f'<text x="{middle}" y="{HEIGHT - 10}" text-anchor="middle">{escape(panel.time_unit)}</text>')
-    parts.append(
-        f'<text transform="translate(14 {TOP + tall / 2}) rotate(-90)" text-anchor="middle">{escape(panel.error_unit)}</text>'
-    )
+    turned = f"translate(14 {TOP + tall / 2}) rotate(-90)"
+    parts.append(f'<text transform="{turned}" text-anchor="middle">{escape(panel.error_unit)}</text>')
     for i, dot in enumerate(dots):
         colour = COLOURS[i % len(COLOURS)]
         parts.append(f'<circle cx="{x(dot.time):.1f}" cy="{y(dot.error):.1f}" r="5" fill="{colour}"/>')

@@ -1,9 +1,10 @@
-"""Jobs of `pgm trade calibrate` on real clips: cameras scored against points read by hand, which nothing learns from."""
+"""Jobs of `pgm trade calibrate` on real clips: cameras against points read by hand, which nothing learns from."""
 
 import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -59,7 +60,7 @@ class RealScore:
 
 
 def real_videos(real: Path, scene: str) -> list[Path]:
-    """The scene's videos in a folder of real clips: those in the folder of its name, and those with hand-read points."""
+    """The scene's videos in a folder of real clips: in the folder of its name, and those with hand-read points."""
     named = [real / name for name in _frames_of(real / KEYPOINTS)]
     there = find_inputs([real / scene]).videos if (real / scene).is_dir() else ()
     return sorted({path for path in [*there, *named] if path.is_file()})
@@ -83,11 +84,20 @@ def score_real(arguments: dict, report: Callable[[dict], None]) -> dict:
     close_up = CLOSE_UPS.get(video.name)
     false = 0 if close_up is None else sum(int((c.has_camera & (c.video_frame >= close_up)).sum()) for c in solved)
     score = RealScore(
-        video=video.name, preset=arguments["quality"], frames=outcome.frames, measured=outcome.measured,
-        interpolated=outcome.interpolated, clips=len(outcome.clips), false_frames=false,
-        read=tuple(scaled(r, width) for r in read), jitter_px=max(jitter) if jitter else None,
-        lens_model=documents[0]["lens_model"]["model"] if documents else "", reprojection_px=outcome.reprojection_px,
-        seconds=outcome.seconds, cpu_s=cpu_s, memory_mb=outcome.peak_memory_mb,
+        video=video.name,
+        preset=arguments["quality"],
+        frames=outcome.frames,
+        measured=outcome.measured,
+        interpolated=outcome.interpolated,
+        clips=len(outcome.clips),
+        false_frames=false,
+        read=tuple(scaled(r, width) for r in read),
+        jitter_px=max(jitter) if jitter else None,
+        lens_model=documents[0]["lens_model"]["model"] if documents else "",
+        reprojection_px=outcome.reprojection_px,
+        seconds=outcome.seconds,
+        cpu_s=cpu_s,
+        memory_mb=outcome.peak_memory_mb,
     )
     return asdict(score)
 
@@ -103,9 +113,11 @@ def read_frame(
             off = point_errors(camera, court, points)
             net_off = None if net is None else float(point_errors(camera, court, {NET_POINT: net})[0])
             return ReadFrame(
-                frame=frame, status=str(clip.status[at[0]]),
+                frame=frame,
+                status=str(clip.status[at[0]]),
                 rms_px=float(np.sqrt(np.mean(off**2))) if len(off) else None,
-                max_px=float(off.max()) if len(off) else None, net_px=net_off,
+                max_px=float(off.max()) if len(off) else None,
+                net_px=net_off,
             )
     return ReadFrame(frame=frame, status="none", rms_px=None, max_px=None, net_px=None)
 
@@ -136,6 +148,6 @@ def scaled(read: ReadFrame, width: int) -> ReadFrame:
     return ReadFrame(frame=read.frame, status=read.status, **values)
 
 
-def _frames_of(path: Path) -> dict[str, dict[str, dict]]:
+def _frames_of(path: Path) -> dict[str, dict[str, Any]]:
     """By video and frame, what was read there."""
     return json.loads(path.read_text(encoding="utf-8"))["frames"] if path.is_file() else {}

@@ -115,13 +115,8 @@ def line_points(court: Court) -> Float[np.ndarray, "points 3"]:
 
 def true_pixels(truth: Camera, points_world: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, "frames points 2"]:
     """Where the drawing camera puts world points in every frame; NaN behind the camera or without one."""
-    frames = range(len(truth.K))
-    return np.stack(
-        [
-            pixels_of(points_world, truth.K[f], float(truth.distortion[f, 0]), truth.R_cam_from_world[f], truth.t_cam_from_world[f])
-            for f in frames
-        ]
-    )
+    frames = zip(truth.K, truth.distortion[:, 0], truth.R_cam_from_world, truth.t_cam_from_world, strict=True)
+    return np.stack([pixels_of(points_world, K, float(k1), R, t) for K, k1, R, t in frames])
 
 
 def court_error_px(
@@ -145,8 +140,13 @@ def court_error_px(
 
 
 def frame_errors(
-    solved: Camera, position_cov: Float[np.ndarray, "frames 6"], focal_std_px: Float[np.ndarray, " frames"], truth: Camera,
-    court: Court, *, size: tuple[int, int],
+    solved: Camera,
+    position_cov: Float[np.ndarray, "frames 6"],
+    focal_std_px: Float[np.ndarray, " frames"],
+    truth: Camera,
+    court: Court,
+    *,
+    size: tuple[int, int],
 ) -> FrameErrors:
     """Errors of every frame; all cameras of `solved` and `truth` are there, frame by frame."""
     focal = truth.K[:, 0, 0]
@@ -169,8 +169,15 @@ class Cost:
 
 
 def score_video(
-    *, video: str, preset: str, size: tuple[int, int], solved: Sequence[ClipCamera], truth: Sequence[ClipCamera], court: Court,
-    lens_model: str, cost: Cost,
+    *,
+    video: str,
+    preset: str,
+    size: tuple[int, int],
+    solved: Sequence[ClipCamera],
+    truth: Sequence[ClipCamera],
+    court: Court,
+    lens_model: str,
+    cost: Cost,
 ) -> ClipScore:
     """The score of one video whose clips were solved and whose true clips are known; matched by video frame.
 
@@ -193,17 +200,29 @@ def score_video(
     if len(has):
         rows = [p for p in (found[i] for i in has) if p is not None]
         errors = frame_errors(
-            _joined([c.camera[i : i + 1] for c, i in rows]), np.stack([c.position_cov[i] for c, i in rows]),
-            np.array([c.focal_std_px[i] for c, i in rows]), real[has], court, size=size,
+            _joined([c.camera[i : i + 1] for c, i in rows]),
+            np.stack([c.position_cov[i] for c, i in rows]),
+            np.array([c.focal_std_px[i] for c, i in rows]),
+            real[has],
+            court,
+            size=size,
         )
     position = real.position_world[0]
     return ClipScore(
-        video=video, preset=preset, width=size[0], frames=len(true_frames),
-        measured=int((status == "measured").sum()), interpolated=int((status == "interpolated").sum()), false_frames=false,
-        reason=max(sorted(set(reasons)), key=reasons.count) if reasons else "", lens_model=lens_model,
-        distance_m=float(np.hypot(position[0], position[1])), height_m=float(position[2]),
+        video=video,
+        preset=preset,
+        width=size[0],
+        frames=len(true_frames),
+        measured=int((status == "measured").sum()),
+        interpolated=int((status == "interpolated").sum()),
+        false_frames=false,
+        reason=max(sorted(set(reasons)), key=reasons.count) if reasons else "",
+        lens_model=lens_model,
+        distance_m=float(np.hypot(position[0], position[1])),
+        height_m=float(position[2]),
         focal_widths=float(np.median(focal)) / size[0],
-        pan_px=float(np.arccos(np.clip(aim @ aim[0], -1, 1)).max() * np.median(focal)), zoom=float(focal.max() / focal.min()),
+        pan_px=float(np.arccos(np.clip(aim @ aim[0], -1, 1)).max() * np.median(focal)),
+        zoom=float(focal.max() / focal.min()),
         centre_m=None if errors is None else _triple(errors.centre_m),
         centre_sigma_m=None if errors is None else _triple(errors.centre_sigma_m),
         focal=None if errors is None else float(np.median(np.abs(errors.focal))),
@@ -211,7 +230,9 @@ def score_video(
         focal_covered=None if errors is None else float(np.mean(np.abs(errors.focal) <= errors.focal_sigma)),
         court_px=None if errors is None else float(np.nanmedian(errors.court_px)),
         worst_px=None if errors is None else float(np.nanmax(errors.court_px)),
-        seconds=cost.seconds, cpu_s=cost.cpu_s, memory_mb=cost.memory_mb,
+        seconds=cost.seconds,
+        cpu_s=cost.cpu_s,
+        memory_mb=cost.memory_mb,
     )
 
 

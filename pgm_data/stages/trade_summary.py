@@ -70,6 +70,7 @@ def summarise(preset: str, scores: Sequence[ClipScore]) -> PresetSummary:
         raise ValueError(f"preset {preset}: expected at least one clip, got none")
     frames = sum(s.frames for s in scores)
     found = [s for s in scores if s.centre_m is not None]
+    focal_covered = [s.focal_covered for s in found if s.focal_covered is not None]
     error = np.array([s.centre_m for s in found]).reshape(-1, 3)
     sigma = np.array([s.centre_sigma_m for s in found]).reshape(-1, 3)
     thirds = [coverage_by_thirds(error[:, axis], sigma[:, axis]) for axis in range(3)]
@@ -86,18 +87,20 @@ def summarise(preset: str, scores: Sequence[ClipScore]) -> PresetSummary:
         centre_axes_m=(float(axes[0]), float(axes[1]), float(axes[2])),
         focal=_median([np.inf if s.focal is None else s.focal for s in scores]),
         court_px=_median([np.inf if s.court_px is None else s.court_px for s in scores]),
-        covered=(coverage(error[:, 0], sigma[:, 0]), coverage(error[:, 1], sigma[:, 1]), coverage(error[:, 2], sigma[:, 2])),
+        covered=(
+            coverage(error[:, 0], sigma[:, 0]),
+            coverage(error[:, 1], sigma[:, 1]),
+            coverage(error[:, 2], sigma[:, 2]),
+        ),
         covered_thirds=(thirds[0], thirds[1], thirds[2]),
-        focal_covered=float(np.mean([s.focal_covered for s in found])) if found else float("nan"),
+        focal_covered=float(np.mean(focal_covered)) if focal_covered else float("nan"),
         frame_s=sum(s.seconds for s in scores) / max(frames, 1),
         frame_cpu_s=sum(s.cpu_s for s in scores) / max(frames, 1),
         memory_mb=max(s.memory_mb for s in scores),
     )
 
 
-def dominated(
-    time: Float[np.ndarray, " presets"], error: Float[np.ndarray, " presets"]
-) -> list[tuple[int, int]]:
+def dominated(time: Float[np.ndarray, " presets"], error: Float[np.ndarray, " presets"]) -> list[tuple[int, int]]:
     """Pairs (a, b) where b is at least as good as a in both, and better in one."""
     count = len(time)
     return [
@@ -143,7 +146,8 @@ def simulated_table(summaries: Sequence[PresetSummary]) -> str:
         lines.append(row(f"within one sigma, {name}", "55 to 80 %", lambda s, a=axis: percent(s.covered[a])))
         lines.append(
             row(
-                f"the same by thirds of sigma, {name}", "55 to 80 %",
+                f"the same by thirds of sigma, {name}",
+                "55 to 80 %",
                 lambda s, a=axis: ", ".join(percent(v) for v in s.covered_thirds[a]),
             )
         )

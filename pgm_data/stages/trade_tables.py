@@ -64,34 +64,70 @@ def summarise_real(preset: str, runs: Sequence[RealRun]) -> RealSummary:
 def real_table(runs: Sequence[RealRun]) -> str:
     """A row per clip and preset, in Markdown."""
     head = (
-        "real clip", "preset", "frames", "measured", "interp.", "none", "rms px", "worst point px", "net top px", "fits px",
-        "jitter px", "lens", "frames/s", "MB",
-    )  # fmt: skip
+        "real clip",
+        "preset",
+        "frames",
+        "measured",
+        "interp.",
+        "none",
+        "rms px",
+        "worst point px",
+        "net top px",
+        "fits px",
+        "jitter px",
+        "lens",
+        "frames/s",
+        "MB",
+    )
     rows = [
         (
-            run.score.video, run.score.preset, str(run.score.frames), str(run.score.measured), str(run.score.interpolated),
-            str(run.score.frames - run.score.measured - run.score.interpolated), _each(run.score, "rms_px"),
-            _each(run.score, "max_px"), _each(run.score, "net_px"), _maybe(run.score.reprojection_px, 2),
-            _maybe(run.score.jitter_px, 3), run.score.lens_model or "-", f"{run.fps:.1f}", f"{run.score.memory_mb:.0f}",
+            run.score.video,
+            run.score.preset,
+            str(run.score.frames),
+            str(run.score.measured),
+            str(run.score.interpolated),
+            str(run.score.frames - run.score.measured - run.score.interpolated),
+            _each(run.score, "rms_px"),
+            _each(run.score, "max_px"),
+            _each(run.score, "net_px"),
+            _maybe(run.score.reprojection_px, 2),
+            _maybe(run.score.jitter_px, 3),
+            run.score.lens_model or "-",
+            f"{run.fps:.1f}",
+            f"{run.score.memory_mb:.0f}",
         )
         for run in sorted(runs, key=lambda run: run.score.video)
-    ]  # fmt: skip
+    ]
     return _table(head, rows)
 
 
 def real_summary_table(summaries: Sequence[RealSummary]) -> str:
     """The presets over all real clips, in Markdown."""
     head = (
-        "preset", "frames read", "without camera", "rms median px (0.7 wanted)", "rms worst px (1.5)", "net worst px (3)",
-        "cameras in close-ups (0)", "frames/s", "MB",
-    )  # fmt: skip
+        "preset",
+        "frames read",
+        "without camera",
+        "rms median px (0.7 wanted)",
+        "rms worst px (1.5)",
+        "net worst px (3)",
+        "cameras in close-ups (0)",
+        "frames/s",
+        "MB",
+    )
     rows = [
         (
-            s.preset, str(s.frames_read), str(s.unsolved), number(s.rms_median_px, 2), number(s.rms_worst_px, 2),
-            number(s.net_worst_px, 2), str(s.false_frames), f"{s.fps:.1f}", f"{s.memory_mb:.0f}",
+            s.preset,
+            str(s.frames_read),
+            str(s.unsolved),
+            number(s.rms_median_px, 2),
+            number(s.rms_worst_px, 2),
+            number(s.net_worst_px, 2),
+            str(s.false_frames),
+            f"{s.fps:.1f}",
+            f"{s.memory_mb:.0f}",
         )
         for s in summaries
-    ]  # fmt: skip
+    ]
     return _table(head, rows)
 
 
@@ -116,7 +152,10 @@ def summarise_pictures(preset: str, batches: Sequence[dict]) -> PicturesSummary:
     pictures = sum(b["pictures"] for b in batches)
     false = [c for b in batches for c in b["false"] if c["preset"] == preset]
     return PicturesSummary(
-        preset=preset, pictures=pictures, real=sum(b["real"] for b in batches), false=len(false),
+        preset=preset,
+        pictures=pictures,
+        real=sum(b["real"] for b in batches),
+        false=len(false),
         picture_s=sum(b["look_s"][preset] for b in batches) / max(pictures, 1),
         which=tuple(f"{c['file']}: {c['origin']}, {c['inliers']} inliers, {c['rms_px']:.2f} px" for c in false),
     )
@@ -125,9 +164,7 @@ def summarise_pictures(preset: str, batches: Sequence[dict]) -> PicturesSummary:
 def pictures_table(summaries: Sequence[PicturesSummary]) -> str:
     """The presets over all pictures without the court, in Markdown, and which were taken for one."""
     head = ("pictures without the court", "preset", "real", "false cameras (0 wanted)", "ms a picture")
-    rows = [
-        (str(s.pictures), s.preset, str(s.real), str(s.false), f"{1000 * s.picture_s:.0f}") for s in summaries
-    ]
+    rows = [(str(s.pictures), s.preset, str(s.real), str(s.false), f"{1000 * s.picture_s:.0f}") for s in summaries]
     listed = "\n".join(f"- false: {text}" for s in summaries for text in s.which)
     return _table(head, rows) + (f"\n\n{listed}" if listed else "")
 

@@ -77,13 +77,13 @@ def random_warp(picture_size: tuple[int, int], rng: np.random.Generator, options
     )
     centre = np.array([(width - 1) / 2, (height - 1) / 2])
     affine = np.concatenate([linear, (to - linear @ centre)[:, None]], axis=1)
-    window = [-0.5, -0.5, wide - 0.5, high - 0.5]
+    bar_x = bar_y = 0.0
     if rng.random() < options.bars:
-        axis = int(rng.random() < 0.35)
-        bar = rng.uniform(0.05, 0.34) * (wide, high)[axis]
-        window[axis] += bar
-        window[axis + 2] -= bar
-    return Warp(input_from_picture=affine, mirrored=mirrored, window=tuple(window))
+        above = rng.random() < 0.35
+        share = rng.uniform(0.05, 0.34)
+        bar_x, bar_y = (0.0, share * high) if above else (share * wide, 0.0)
+    window = (bar_x - 0.5, bar_y - 0.5, wide - bar_x - 0.5, high - bar_y - 0.5)
+    return Warp(input_from_picture=affine, mirrored=mirrored, window=window)
 
 
 def plain_warp(picture_size: tuple[int, int]) -> Warp:
@@ -133,8 +133,7 @@ def random_look(
     if rng.random() < options.noise:
         bgr = _noise(bgr, rng)
     if rng.random() < options.jpeg:
-        _, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(12, 71))])
-        bgr = cv2.imdecode(data, cv2.IMREAD_COLOR)
+        bgr = _squeeze(bgr, int(rng.integers(12, 71)))
     return bgr
 
 
@@ -164,6 +163,12 @@ def _colour(bgr: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     gain = np.exp(rng.normal(0, 0.15) + rng.normal(0, 0.08, 3))
     curve = ((values**gamma - 0.5) * contrast + 0.5) * gain + rng.normal(0, 0.06)
     return cv2.LUT(bgr, np.clip(255 * curve, 0, 255).round().astype(np.uint8)[:, None, :])
+
+
+def _squeeze(bgr: np.ndarray, quality: int) -> np.ndarray:
+    squeezed = cv2.imdecode(cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], cv2.IMREAD_COLOR)
+    assert squeezed is not None, "a picture just encoded can be decoded"
+    return squeezed
 
 
 def _soften(bgr: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -61,9 +61,12 @@ class ClipFrames:
         with self.jpegs.open("rb") as file:
             file.seek(begin)
             data = np.frombuffer(file.read(end - begin), np.uint8)
+        bgr = cv2.imdecode(data, cv2.IMREAD_COLOR)
+        if bgr is None:
+            raise ValueError(f"{self.jpegs}: picture {index}: expected a JPEG at bytes {begin} to {end}, found none")
         return CourtFrame(
             name=f"{self.clip_id}/{index}",
-            bgr=cv2.imdecode(data, cv2.IMREAD_COLOR),
+            bgr=bgr,
             points_px=self.points_px[index].astype(float),
             lines_px=self.lines_px[index].astype(float),
         )

@@ -127,7 +127,9 @@ def train_court(
     shown = CourtTaskOptions(preset=options.preset, batch=options.batch, seed=options.seed)
     task = CourtTask(court, frames, shown, AugmentOptions())
     torch.manual_seed(options.seed)
-    network = HeatmapNet(len(court.all_names), PRESETS[options.preset]).to(memory_format=torch.channels_last)
+    network = HeatmapNet(len(court.all_names), PRESETS[options.preset])
+    # About 1.5 times faster on a CPU than planes.
+    network = network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue] torch's stubs lack it
     training = TrainOptions(
         steps=options.steps,
         minutes=options.minutes,

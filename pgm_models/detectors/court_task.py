@@ -114,7 +114,7 @@ def warp_scale(warp: Warp) -> float:
 def _line_map(frame: CourtFrame, warp: Warp, size: np.ndarray) -> np.ndarray:
     canvas = np.zeros(GRID, np.uint8)
     cells = cell_from_input(warp.points(frame.lines_px))
-    inside = (np.minimum(frame.lines_px + 0.5, size - 0.5 - frame.lines_px) >= 0).all(axis=-1)
+    inside = np.all(np.minimum(frame.lines_px + 0.5, size - 0.5 - frame.lines_px) >= 0, axis=-1)
     for samples, shown in zip(cells, inside, strict=True):
         for k in range(len(samples) - 1):
             if shown[k] and shown[k + 1] and np.abs(samples[k : k + 2]).max() < 1000:

@@ -28,12 +28,18 @@ def fold_norms(network: HeatmapNet) -> HeatmapNet:
     folded = deepcopy(network).eval()
     for module in list(folded.modules()):
         if isinstance(module, ConvNorm):
-            module[0], module[1] = fuse_conv_bn_eval(module[0], module[1]), nn.Identity()
+            module[0], module[1] = _fused(module[0], module[1]), nn.Identity()
         elif isinstance(module, Residual):
-            module.second, module.norm = fuse_conv_bn_eval(module.second, module.norm), nn.Identity()
+            module.second, module.norm = _fused(module.second, module.norm), nn.Identity()
         elif isinstance(module, Up):
-            module.narrow, module.norm = fuse_conv_bn_eval(module.narrow, module.norm), nn.Identity()
+            module.narrow, module.norm = _fused(module.narrow, module.norm), nn.Identity()
     return folded
+
+
+def _fused(convolution: nn.Module, norm: nn.Module) -> nn.Conv2d:
+    if not (isinstance(convolution, nn.Conv2d) and isinstance(norm, nn.BatchNorm2d)):
+        raise TypeError(f"expected a convolution and a batch norm, got {convolution} and {norm}")
+    return fuse_conv_bn_eval(convolution, norm)
 
 
 def export_court(network: HeatmapNet, names: tuple[str, ...], path: Path, *, about: dict[str, object]) -> None:
@@ -48,7 +54,7 @@ def export_court(network: HeatmapNet, names: tuple[str, ...], path: Path, *, abo
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FutureWarning)  # the exporter warns of its own internals
         program = torch.onnx.export(
-            fold_norms(network).to(memory_format=torch.contiguous_format),
+            fold_norms(network),
             (picture,),
             dynamo=True,
             input_names=["picture"],

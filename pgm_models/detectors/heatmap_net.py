@@ -98,8 +98,9 @@ class Residual(nn.Module):
         super().__init__()
         self.first = ConvNorm(width, width)
         self.second = nn.Conv2d(width, width, 3, padding=1, bias=False)
-        self.norm = nn.BatchNorm2d(width)
-        nn.init.zeros_(self.norm.weight)
+        norm = nn.BatchNorm2d(width)
+        nn.init.zeros_(norm.weight)
+        self.norm: nn.Module = norm
 
     def forward(self, x: Tensor) -> Tensor:
         """The block's output, of the input's shape."""
@@ -113,7 +114,7 @@ class Up(nn.Module):
         """A layer with fresh weights."""
         super().__init__()
         self.narrow = nn.Conv2d(coarse, fine, 1, bias=False)
-        self.norm = nn.BatchNorm2d(fine)
+        self.norm: nn.Module = nn.BatchNorm2d(fine)
         self.mix = ConvNorm(fine, fine)
 
     def forward(self, coarse: Tensor, fine: Tensor) -> Tensor:
@@ -128,15 +129,14 @@ def multiply_adds(net: HeatmapNet, height: int, width: int) -> int:
 
     def count(layer: nn.Module, inputs: tuple[Tensor, ...], output: Tensor) -> None:
         nonlocal total
-        weight = layer.weight
-        places = output.numel() // output.shape[1]
-        total += weight.numel() * places
+        weights = sum(p.numel() for p in layer.parameters() if p.ndim > 1)
+        total += weights * (output.numel() // output.shape[1])
 
-    hooks = [m.register_forward_hook(count) for m in net.modules() if isinstance(m, (nn.Conv2d, nn.Linear))]
+    hooks = [m.register_forward_hook(count) for m in net.modules() if isinstance(m, nn.Conv2d | nn.Linear)]
     was_training = net.training
     net.eval()
     with torch.no_grad():
-        net(torch.zeros(1, 3, height, width))
+        net.forward(torch.zeros(1, 3, height, width))
     net.train(was_training)
     for hook in hooks:
         hook.remove()

@@ -21,8 +21,12 @@ def looking_at_court(position, focal=2500.0, radial=0.03, pan=0.0, roll=0.0):
     R = np.stack([right, np.cross(forward, right), forward])
     R = rotation_from_rotvec(np.array([0.0, pan, roll])) @ R
     return CourtCamera(
-        R_cam_from_world=R, focal_px=np.array(focal), position_world=np.asarray(position, float), radial=np.array(radial),
-        principal_px=np.array([959.5, 539.5]), half_diagonal_px=float(np.hypot(1920, 1080) / 2),
+        R_cam_from_world=R,
+        focal_px=np.array(focal),
+        position_world=np.asarray(position, float),
+        radial=np.array(radial),
+        principal_px=np.array([959.5, 539.5]),
+        half_diagonal_px=float(np.hypot(1920, 1080) / 2),
     )
 
 
@@ -48,7 +52,11 @@ def test_projection_equals_the_geometry_package(camera):
 def test_projection_equals_opencv(camera):
     as_camera = camera.as_camera()
     expected, _ = cv2.projectPoints(
-        points, cv2.Rodrigues(as_camera.R_cam_from_world)[0], as_camera.t_cam_from_world, as_camera.K, as_camera.distortion
+        points,
+        cv2.Rodrigues(as_camera.R_cam_from_world)[0],
+        as_camera.t_cam_from_world,
+        as_camera.K,
+        as_camera.distortion,
     )
     found = project(camera, points)
     seen = np.isfinite(found).all(axis=1)

@@ -15,7 +15,9 @@ from pgm_data.scene import load_scene
 from pgm_data.simulate.clip import ClipOptions, simulate_clip
 from pgm_data.stages.court_finder import CourtFinder
 from pgm_data.stages.court_search import SearchOptions
-from pgm_data.stages.court_track import Marks, ShotTracker, Spool, TrackOptions, jitter
+from pgm_data.stages.court_spool import Spool
+from pgm_data.stages.court_track import Marks, ShotTracker, TrackOptions
+from pgm_data.stages.shot_cameras import jitter
 from pgm_data.video import PictureFrame, open_video
 
 tennis = load_scene("tennis")
@@ -31,8 +33,15 @@ def followed(frames, times=None, *, marks=None, lines_every=1, network=NETWORK, 
     size = (frames[0].shape[1], frames[0].shape[0])
     finder = CourtFinder(scene.court, network=network, size=size, marks=marks or {}, lines_every=lines_every)
     tracker = ShotTracker(
-        court=scene.court, fixed_centre=scene.camera_position == "fixed", size=size, search=SearchOptions(),
-        trust=TrustOptions(), track=track or TrackOptions(), lens=LensOptions(), find=finder, marks=marks or {},
+        court=scene.court,
+        fixed_centre=scene.camera_position == "fixed",
+        size=size,
+        search=SearchOptions(),
+        trust=TrustOptions(),
+        track=track or TrackOptions(),
+        lens=LensOptions(),
+        find=finder,
+        marks=marks or {},
         spool_folder=None,
     )
     for index, picture in enumerate(frames):
@@ -68,7 +77,9 @@ class Simulated:
 
         track = self.clip.track
         return Camera(
-            K=track.K[index], distortion=track.distortion[index], R_cam_from_world=track.R_cam_from_world[index],
+            K=track.K[index],
+            distortion=track.distortion[index],
+            R_cam_from_world=track.R_cam_from_world[index],
             t_cam_from_world=track.t_cam_from_world[index],
         )
 
@@ -178,8 +189,12 @@ def test_jitter_is_what_was_put_in():
 
     R = rotation_from_rotvec(np.column_stack([angles, np.zeros(count)]))
     camera = CourtCamera(
-        R_cam_from_world=R, focal_px=np.full(count, focal), position_world=np.zeros((count, 3)), radial=np.zeros(count),
-        principal_px=np.zeros((count, 2)), half_diagonal_px=1000.0,
+        R_cam_from_world=R,
+        focal_px=np.full(count, focal),
+        position_world=np.zeros((count, 3)),
+        radial=np.zeros(count),
+        principal_px=np.zeros((count, 2)),
+        half_diagonal_px=1000.0,
     )
     assert jitter(camera, np.ones(count, bool), 1920) == pytest.approx(shake, rel=0.15)
     drift = replace(camera, R_cam_from_world=rotation_from_rotvec(np.linspace(0, 1e-4, count)[:, None] * [0, 1.0, 0]))
@@ -194,9 +209,13 @@ def test_the_spool_gives_back_what_was_put_in():
     kept = []
     for rows in (0, 4, 9):
         sightings = Sightings(
-            points_world=rng.normal(size=(rows, 3)), measured_px=rng.uniform(0, 3000, (rows, 2)),
-            normals=rng.normal(size=(rows, 2)), sigma_px=rng.uniform(0.1, 1, rows), line=rng.integers(0, 9, rows),
-            along=rng.uniform(-1, 1, rows), bias_px=rng.uniform(0, 1, rows),
+            points_world=rng.normal(size=(rows, 3)),
+            measured_px=rng.uniform(0, 3000, (rows, 2)),
+            normals=rng.normal(size=(rows, 2)),
+            sigma_px=rng.uniform(0.1, 1, rows),
+            line=rng.integers(0, 9, rows),
+            along=rng.uniform(-1, 1, rows),
+            bias_px=rng.uniform(0, 1, rows),
         )
         kept.append(sightings)
         spool.append(sightings)
