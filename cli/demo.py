@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .console import UsageError, table_text
+from .output import STATE
 
 OURS = ("simulated", "work")
-"""What a demo writes; a folder that holds anything else is left alone."""
+"""What a demo writes, each an output folder with its state inside; whatever else there is is left alone."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,10 +21,10 @@ class DemoOptions:
     """Scene of that video, by name or path."""
     out: Path = Path("demo")
     """Folder to write into; what an earlier demo wrote there is replaced."""
-    seconds: float = 8.0
+    seconds: float = 10.0
     """Length of the simulated match."""
-    seed: int = 1
-    """What is drawn depends on it."""
+    seed: int = 24
+    """What is drawn depends on it; this one cuts to a close-up near the end."""
 
 
 def main(argv: list[str]) -> int:
@@ -38,7 +39,7 @@ def main(argv: list[str]) -> int:
     _clear(options.out)
     simulated, work = options.out / "simulated", options.out / "work"
     if options.video is None:
-        print(f"1. drawing {options.seconds:g} s of a match with a turning, zooming camera and repeated frames")
+        print(f"1. drawing {options.seconds:g} s of a match with a turning, zooming camera, repeated frames and cuts")
         code = _simulate(options, simulated)
         if code:
             return code
@@ -66,7 +67,8 @@ def _clear(out: Path) -> None:
     """Make room for a new demo where an earlier one was; anything else is left alone."""
     if not out.exists():
         return
-    strangers = sorted(p.name for p in out.iterdir() if p.name not in OURS) if out.is_dir() else [out.name]
+    entries = sorted(out.iterdir()) if out.is_dir() else [out]
+    strangers = [p.name for p in entries if p.name not in OURS or not (p / STATE).is_dir()]
     if strangers:
         raise UsageError(f"--out: expected a new folder or an earlier demo's, got {out} with {strangers[0]} in it")
     for name in OURS:

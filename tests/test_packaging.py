@@ -31,7 +31,15 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(command: list[str], **more: str) -> str:
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False, env={**os.environ, **more})
+    done = subprocess.run(
+        command,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+        env={**os.environ, **more},
+        cwd=more.get("PWD"),
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
@@ -84,7 +92,7 @@ def test_the_installed_commands_run_without_the_checkout(site: Path, tmp_path: P
     for script in PROJECT["project"]["scripts"]:
         text = run([sys.executable, str(site / "bin" / script), "--help"], PYTHONPATH=path, PWD=str(tmp_path))
         assert "usage: pgm" in text
-    files = run([sys.executable, "-c", where], PYTHONPATH=path).split()
+    files = run([sys.executable, "-c", where], PYTHONPATH=path, PWD=str(tmp_path)).split()
     assert all(Path(file).is_relative_to(site) for file in files)
     scenes = "from pgm_data.scene import load_scene; print(load_scene('tennis').name)"
     assert run([sys.executable, "-c", scenes], PYTHONPATH=path).strip() == "tennis"

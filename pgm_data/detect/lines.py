@@ -113,7 +113,11 @@ def measure_ridges(
     )
     nan = np.where(found, 0.0, np.nan)
     return Ridges(
-        offset_px=offset + nan, sigma_px=sigma + nan, contrast=contrast + nan, two_tone=fine.two_tone, readable=readable
+        offset_px=offset + nan,
+        sigma_px=sigma + nan,
+        contrast=contrast + nan,
+        two_tone=fine.two_tone,
+        readable=np.asarray(readable),
     )
 
 

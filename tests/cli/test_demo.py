@@ -16,6 +16,15 @@ def test_it_calibrates_what_it_drew_and_says_where_to_look(tmp_path, capsys):
     assert list((out / "work").glob("*/overlay.mp4"))
 
 
+def test_a_folder_of_the_same_name_that_no_demo_wrote_is_left_alone(tmp_path):
+    (tmp_path / "work").mkdir()
+    precious = tmp_path / "work" / "thesis.txt"
+    precious.write_text("mine")
+    with pytest.raises(UsageError, match="work"):
+        main(["--out", str(tmp_path)])
+    assert precious.read_text() == "mine"
+
+
 def test_a_folder_with_something_else_in_it_is_left_alone(tmp_path):
     precious = tmp_path / "thesis.txt"
     precious.write_text("mine")
