@@ -2,6 +2,7 @@
 
 import sys
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -94,6 +95,9 @@ def _court(options: Annotated[CourtTraining, tyro.conf.arg(name="")]) -> int:
 
 
 def _check(options: CourtTraining) -> None:
+    for module in ("onnx", "onnxscript"):
+        if find_spec(module) is None:
+            raise UsageError(f"pgm-train court: expected the package {module}, found none: install the extra 'export'")
     if not options.export_only and not options.dataset.is_dir():
         raise option_error("DATASET", expected="a folder", got=options.dataset)
     if not options.steps and not options.minutes > 0:

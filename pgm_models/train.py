@@ -154,7 +154,7 @@ def train(
             network=network.state_dict(),
             average=average.state_dict(),
             optimiser=optimiser_tensors(network, optimiser),
-            options=about,
+            options={**about, "task": task.describe()},  # the data may have grown
             provenance=provenance,
         )
         save_checkpoint(run / CHECKPOINT_NAME, state)
