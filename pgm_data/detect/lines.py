@@ -101,7 +101,15 @@ def measure_ridges(
         worn = _fine(profiles[wide], x, centre[wide], width, spills[wide], options.blur_px, options.step_px)
         better = wide[worn.fit > fit[wide]]
         chosen = worn.fit > fit[wide]
-        for whole, part in ((offset, worn.centre), (sigma, worn.sigma), (contrast, worn.contrast), (fit, worn.fit)):
+        two_tone = fine.two_tone
+        pairs = (
+            (offset, worn.centre),
+            (sigma, worn.sigma),
+            (contrast, worn.contrast),
+            (fit, worn.fit),
+            (two_tone, worn.two_tone),
+        )
+        for whole, part in pairs:
             whole[better] = part[chosen]
     found &= (
         (np.abs(offset - centre) < 1.5 + 0.25 * widths_px)
@@ -121,12 +129,12 @@ def measure_ridges(
     )
 
 
-def merged(ridges: Ridges, again: Ridges, rows: Int[np.ndarray, " some"]) -> Ridges:
-    """The ridges with some rows measured again."""
+def merged(ridges: Ridges, again: Ridges, rows: Int[np.ndarray, " some"], take: Bool[np.ndarray, " some"]) -> Ridges:
+    """The ridges with some rows measured again, of which those to take are taken."""
     parts = {}
     for name in ("offset_px", "sigma_px", "contrast", "two_tone", "readable"):
         parts[name] = getattr(ridges, name).copy()
-        parts[name][rows] = getattr(again, name)
+        parts[name][rows[take]] = getattr(again, name)[take]
     return Ridges(**parts)
 
 

@@ -9,7 +9,7 @@ from pgm_data.court import Court
 from pgm_data.geometry.rigid import rotation_from_rotvec, rotvec_from_rotation
 from pgm_data.lift.clip_fit import COURSE, ClipFit, ClipFitOptions, evidence_gain, fit_clip
 from pgm_data.lift.court_camera import CourtCamera
-from pgm_data.lift.line_fit import FREE_POSE, TURN, Fit, Sightings, crooked_columns, fit_track, residuals
+from pgm_data.lift.line_fit import BEND, FREE_POSE, TURN, Fit, Sightings, crooked_columns, fit_track, judge, residuals
 from pgm_data.lift.views import condense, group_views
 
 CENTRE_ONLY, WITH_RADIAL, WITH_PRINCIPAL = (4, 5, 6), (4, 5, 6, 7), (4, 5, 6, 7, 8, 9)
@@ -139,6 +139,8 @@ def solve_frames(cameras: CourtCamera, sightings: Sightings, *, solution: ClipSo
     course = (crooked_columns(sightings, lines, len(COURSE) - 1) @ shared.shifts_px)[..., None]
     straight = replace(sightings, measured_px=sightings.measured_px - sightings.normals * course)
     fit = fit_track(cameras, straight, free=TURN, crooked_px=0.0, lines=lines, cut=5.0)
+    # Residuals and verdicts are against the court of the rules, crooked lines and all.
+    fit = judge(fit.camera, sightings, cut=5.0, course_px=course[..., 0])
     # The focal length inherits the uncertainty of what is shared, besides its own noise.
     sigma = straight.sigma_px * shared.noise
     _, J = residuals(fit.camera, straight)
@@ -164,7 +166,11 @@ def solve_moving(cameras: CourtCamera, sightings: Sightings, *, lines: int, croo
     fit = fit_track(cameras, sightings, free=FREE_POSE, crooked_px=crooked_px, lines=lines)
     free = list(FREE_POSE)
     A = fit.normal_matrix[:, free][:, :, free] + 1e-9 * np.eye(len(free))
-    spread = np.linalg.inv(A) * np.maximum(fit.rms_px, 0.05)[:, None, None] ** 2
+    # The information is in units of the stated deviations; where residuals spread wider, so do the error bars.
+    sigma = np.hypot(sightings.sigma_px, BEND * crooked_px)
+    z = np.where(fit.inlier, np.nan_to_num(fit.residual_px) / np.where(np.isfinite(sigma), sigma, 1.0), 0.0)
+    chi2 = (z**2).sum(axis=-1) / np.maximum(fit.inlier.sum(axis=-1) - len(free), 1)
+    spread = np.linalg.inv(A) * np.maximum(chi2, 1.0)[:, None, None]
     cov = spread[:, 4:, 4:]
     packed = np.stack([cov[:, 0, 0], cov[:, 0, 1], cov[:, 0, 2], cov[:, 1, 1], cov[:, 1, 2], cov[:, 2, 2]], axis=1)
     return FrameCameras(fit=fit, position_cov=packed, focal_std_px=fit.camera.focal_px * np.sqrt(spread[:, 3, 3]))

@@ -1,4 +1,4 @@
-"""Cameras that turn and zoom over a court: projection with analytic derivatives, and robust line fits.
+"""Cameras that turn and zoom over a court: projection with analytic derivatives.
 
 A camera here is a rotation, a focal length, a centre, and one radial lens term kept in the form that
 stays constant under zoom: ``radial`` acts on the radius over the picture's half diagonal, so OpenCV's
@@ -61,19 +61,6 @@ class CourtCamera:
         absent = np.isnan(self.focal_px)
         K[absent], distortion[absent] = np.nan, np.nan
         return Camera(K=K, distortion=distortion, R_cam_from_world=self.R_cam_from_world, t_cam_from_world=t)
-
-
-def stack(cameras: list[CourtCamera]) -> CourtCamera:
-    """One track of the given cameras."""
-    first = cameras[0]
-    return replace(
-        first,
-        R_cam_from_world=np.stack([c.R_cam_from_world for c in cameras]),
-        focal_px=np.stack([c.focal_px for c in cameras]),
-        position_world=np.stack([c.position_world for c in cameras]),
-        radial=np.stack([c.radial for c in cameras]),
-        principal_px=np.stack([c.principal_px for c in cameras]),
-    )
 
 
 def step(camera: CourtCamera, delta: Float[np.ndarray, "*batch 10"]) -> CourtCamera:

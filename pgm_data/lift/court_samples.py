@@ -63,7 +63,7 @@ def sample_lines(
         np.isfinite(pixels).all(axis=-1)
         & (pixels >= margin).all(axis=-1)
         & (pixels <= np.array(size) - 1 - margin).all(axis=-1)
-        & np.isfinite(widths)
+        & (widths < 0.05 * size[0])  # Not so for NaN, nor for a point almost in the camera's own plane.
     )
     length = np.where(inside, length, 0.0)
     total = length.sum()
@@ -99,7 +99,7 @@ def moved_samples(camera: CourtCamera, court: Court, samples: LineSamples, *, si
         tangents = tangents / np.linalg.norm(tangents, axis=-1, keepdims=True)
     normals = np.stack([-tangents[:, 1], tangents[:, 0]], axis=-1)
     widths = 2 * np.abs(np.sum((edge - pixels) * normals, axis=-1))
-    inside = (pixels >= 2.0).all(axis=-1) & (pixels <= np.array(size) - 3.0).all(axis=-1) & np.isfinite(widths)
+    inside = (pixels >= 2.0).all(axis=-1) & (pixels <= np.array(size) - 3.0).all(axis=-1) & (widths < 0.05 * size[0])
     return LineSamples(
         line=samples.line[inside],
         points_world=points[inside],

@@ -13,13 +13,11 @@ class FirstOptions:
     """Limits of a first camera."""
 
     inlier_px_per_width: float = 0.008
-    """How far a point may lie off, as a share of the picture's width."""
+    """How far a point may lie off, as a share of the picture's longer side."""
     least_points: int = 5
     """Fewest points that may carry a camera."""
     focal_per_width: tuple[float, float] = (0.35, 12.0)
     """Least and greatest focal length over the picture's width."""
-    tries: int = 64
-    """Random minimal sets tried for the homography."""
 
 
 def focal_of_homography(

@@ -1,4 +1,4 @@
-"""Cameras fitted to measured court lines: one frame, a track with a known centre, and a clip with a shared one.
+"""Cameras fitted to measured court lines, each frame by itself.
 
 Every line measurement pins a camera only ACROSS the line, so a residual is
 ``normal . (projected point - measured point)``, pixels. Points seen as points (net posts, a person's marks) enter

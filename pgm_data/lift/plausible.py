@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
 from pgm_data.court import Court
 from pgm_data.lift.court_camera import CourtCamera, project
@@ -111,12 +111,3 @@ def camera_trust(camera: CourtCamera, court: Court, *, width: int, options: Trus
 def fit_support(fit: Fit, sightings: Sightings, lines: int) -> Int[np.ndarray, " lines"]:
     """How many inliers of one frame lie on each line."""
     return line_counts(sightings.line, lines, fit.inlier)
-
-
-def camera_spread(fit: Fit, free: tuple[int, ...]) -> Float[np.ndarray, " free"]:
-    """Standard deviations of the free columns of one frame's fit; infinite where nothing pins them."""
-    A = fit.normal_matrix[np.ix_(free, free)]
-    try:
-        return np.sqrt(np.maximum(np.diag(np.linalg.inv(A)), 0))
-    except np.linalg.LinAlgError:
-        return np.full(len(free), np.inf)

@@ -67,7 +67,7 @@ def _averaged(fit: Fit, sightings: Sightings, group: np.ndarray, reference: Cour
     count = np.bincount(inverse)
 
     def mean(values: np.ndarray) -> np.ndarray:
-        columns = values.reshape(len(values), -1)
+        columns = values.reshape(len(values), int(np.prod(values.shape[1:])))
         sums = np.stack([np.bincount(inverse, column) for column in columns.T], axis=1)
         return (sums / count[:, None]).reshape(len(unique), *values.shape[1:])
 

@@ -50,7 +50,7 @@ EFFORTS: dict[str, Effort] = {
         lines_every=150,
         fast_decode=True,
     ),
-    "standard": Effort(search=SearchOptions(samples=140), track=TrackOptions(), lines_every=75, fast_decode=False),
+    "standard": Effort(search=SearchOptions(samples=200), track=TrackOptions(), lines_every=75, fast_decode=False),
     "best": Effort(
         search=SearchOptions(samples=320, spacing_px=4.0),
         track=TrackOptions(key_frames=240, detect_every=5),
@@ -174,7 +174,14 @@ def calibrate_video(
                 spool_folder=work,
             )
             spools.callback(made.spool.close)
+            finder.new_shot()
             return made
+
+        def keep(shot: ShotCameras) -> None:
+            if shot.solved:
+                shots.append(shot)
+            else:  # Nothing of it is needed again; an archive holds hours of such shots.
+                rows.judge(shot, "")
 
         court = scene.court
         current: ShotTracker | None = None
@@ -183,7 +190,7 @@ def calibrate_video(
             frame = marked.frame
             if marked.is_transition or marked.shot != number:
                 if current is not None:
-                    shots.append(current.finish())
+                    keep(current.finish())
                     current = None
                 number = marked.shot
             if not marked.is_transition:
@@ -201,7 +208,7 @@ def calibrate_video(
             if frame.video_frame % 50 == 49:
                 report({"progress": frame.video_frame + 1, "total": info.claimed_frames})
         if current is not None:
-            shots.append(current.finish())
+            keep(current.finish())
         trouble = "; ".join(filter(None, [reader.trouble, _unused_marks(unused, len(rows.video_frame))]))
     clips = _clip_names(shots, stem)
     written = tuple(c for c in clips if c)
@@ -285,7 +292,7 @@ class _ShotRows:
         self.video_frame.append(marked.frame.video_frame)
         self.timestamp.append(marked.frame.timestamp)
         self.verdict.append("transition" if marked.is_transition else "other")
-        self.reason.append("cross-fade between shots" if marked.is_transition else "no court found")
+        self.reason.append("transition between shots" if marked.is_transition else "no court found")
         self.clip_id.append("")
 
     def judge(self, shot: ShotCameras, clip_id: str) -> None:
@@ -352,14 +359,10 @@ def _clip_document(
     has = shot.status != "none"
     focal = shot.camera.focal_px[has]
     solution = shot.solution
-    lens, why = (
-        ("pinhole", "a moving camera: each frame is solved by itself")
-        if solution is None
-        else (
-            solution.lens_model,
-            solution.evidence,
-        )
-    )
+    if solution is None:
+        lens, why = "radial", "a moving camera: each frame by itself, with the radial term it was found with"
+    else:
+        lens, why = solution.lens_model, solution.evidence
     variance = np.nanmean(shot.position_cov[has][:, [0, 3, 5]], axis=0)
     position = np.mean(shot.camera.position_world[has], axis=0)
     camera: dict[str, Any] = {

@@ -1,6 +1,6 @@
 """First cameras for a picture, best guess first: a person's marks, the network's points, then lines alone."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -42,6 +42,10 @@ class CourtFinder:
         self.next_lines = 0
         self.frame: DecodedFrame | None = None
 
+    def new_shot(self) -> None:
+        """What was seen before says nothing about this shot: lines may be asked at once."""
+        self.next_lines = 0
+
     def look_at(self, frame: DecodedFrame) -> None:
         """The frame that the next guesses are about."""
         self.frame = frame
@@ -72,6 +76,3 @@ class CourtFinder:
                 camera = camera_of_homography(H, size=self.size, options=options)
                 if camera is not None:
                     yield camera
-
-
-Finder = Callable[[int], Iterator[CourtCamera]]

@@ -108,7 +108,7 @@ def observe(
     # Faint lines show in profiles averaged over longer stretches.
     faint = line_counts(samples.line, lines, good) < FAINT_SHARE * readable
     rows = np.flatnonzero(faint[samples.line])
-    if len(rows) and search_px <= FAINT_SEARCH * luma.shape[1]:
+    if len(rows) and search_px <= max(FAINT_SEARCH * luma.shape[1], 3.0):
         longer = RidgeOptions(search_px=search_px, blur_px=look.blur_px, averaged=21, least_contrast=1.5)
         again = measure_ridges(
             luma,
@@ -118,8 +118,11 @@ def observe(
             longer,
             look.spill[samples.line[rows]],
         )
-        good[rows] = on_course(samples.line[rows], samples.along[rows], again.offset_px, tolerance_px=tolerance)
-        ridges = merged(ridges, again, rows)
+        found = on_course(samples.line[rows], samples.along[rows], again.offset_px, tolerance_px=tolerance)
+        gained = line_counts(samples.line[rows], lines, found) > line_counts(samples.line[rows], lines, good[rows])
+        more = gained[samples.line[rows]]
+        good[rows[more]] = found[more]
+        ridges = merged(ridges, again, rows, more)
     sightings = Sightings(
         points_world=samples.points_world[good],
         measured_px=(samples.pixels + samples.normals * ridges.offset_px[:, None])[good],
@@ -152,6 +155,8 @@ def settle(
         keep_lens: Whether the first camera's radial term is a solved one, rather than unknown.
     """
     width = luma.shape[1]
+    if camera_trust(first, court, width=width, options=trust):
+        return None
     camera = first if keep_lens else replace(first, radial=np.array(TYPICAL_RADIAL[0]))
     std, off = np.full(PARAMETERS, 1e6), np.zeros(PARAMETERS)
     std[7] = TYPICAL_RADIAL[1]

@@ -22,9 +22,12 @@ from pgm_data.lift.clip_solve import (
 from pgm_data.lift.court_camera import PARAMETERS, CourtCamera, project
 from pgm_data.lift.line_fit import FREE_LENS, FREE_POSE, TURN, Sightings, fit_track
 from pgm_data.lift.plausible import TrustOptions, camera_trust, frame_trust, line_counts
+from pgm_data.shots import capture_times
 from pgm_data.stages.court_search import SearchOptions, Sight, best_sight, judged, observe, settle
 from pgm_data.stages.court_spool import Spool, packed, unpacked
 from pgm_data.stages.shot_cameras import ShotCameras, blank_track, bridge, jitter, set_frames
+
+BETWEEN = "between measured frames"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,7 +112,6 @@ class ShotTracker:
         self.spool = Spool(int(search.samples * 1.1) + 2 * len(court.all_names) + 8, spool_folder)
         self.found: list[np.ndarray] = []
         self.readable: list[np.ndarray] = []
-        self.sight: Sight | None = None
         self.camera: CourtCamera | None = None
         self.samples = None
         self.samples_at = np.zeros(0)
@@ -137,7 +139,7 @@ class ShotTracker:
             return
         if self.camera is not None:
             if self.last_measured >= 0 and index - self.last_measured < self.track.stride:
-                rows.reason[index] = "between measured frames"
+                rows.reason[index] = BETWEEN
                 self.passed_over = (index, luma.copy())
                 return
             if self._follow(index, luma):
@@ -161,11 +163,12 @@ class ShotTracker:
             self.patience = min(2 * self.patience, self.track.detect_every)
             self.pending = []
             return
-        found = sight.camera
         self.patience = 1
         self._record(index, sight)
+        if self.fixed and len(self.found) > self.track.refit_at[0]:
+            self._refit()  # One picture's centre is worse than the shot's.
+        found = self.camera
         pending, self.pending = self.pending, []
-        self.camera = found
         for earlier, picture in reversed(pending):
             if not self._follow(earlier, picture):
                 break
@@ -265,20 +268,24 @@ class ShotTracker:
     def finish(self) -> ShotCameras:
         """Solve the shot's frames together."""
         rows = self.rows
-        if self.camera is None and self.pending and self.pending[-1][0] == len(rows.place) - 1:
+        if self.camera is None and self.pending and all(rows.is_duplicate[self.pending[-1][0] + 1 :]):
             self.next_try = 0
             self._look(*self.pending.pop())
         if self.camera is not None and self.passed_over is not None:
             last = self.passed_over[0]
             # Nothing measured comes after the shot's end to bridge to, so its last picture is measured.
-            if all(rows.is_duplicate[last + 1 :]) and self._follow(*self.passed_over):
-                for repeat in range(last + 1, len(rows.place)):
-                    rows.place[repeat], rows.reason[repeat] = rows.place[last], rows.reason[last]
+            if all(rows.is_duplicate[last + 1 :]):
+                self._follow(*self.passed_over)
         count = len(rows.place)
+        for index in range(1, count):  # A picture found by looking back has repeats that were added before it.
+            if rows.is_duplicate[index] and rows.video_frame[index] not in self.marks and rows.place[index] < 0:
+                rows.place[index], rows.reason[index] = rows.place[index - 1], rows.reason[index - 1]
         place = np.array(rows.place, dtype=int)
         times = np.array(rows.timestamp)
         reason = np.array(rows.reason, dtype=object)
-        enough = len(self.found) >= min(self.track.least_frames, max(count // max(self.track.stride, 1), 1))
+        pictures = count - sum(rows.is_duplicate[1:])
+        least = min(self.track.least_frames, max(pictures // self.track.stride, 1))
+        enough = len(self.found) >= least
         solution: ClipSolution | None = None
         blank = blank_track(count)
         inliers, rms = np.zeros(count, int), np.full(count, np.nan)
@@ -299,8 +306,9 @@ class ShotTracker:
             shows = np.split(seen[np.argsort(place[seen], kind="stable")], np.cumsum(np.bincount(place[seen]))[:-1])
             for start in range(0, len(in_time), self.track.chunk):
                 these = in_time[start : start + self.track.chunk]
-                solved = self._solve(track[these], self.spool.read(these), solution)
-                verdicts = self._verdicts(solved, these)
+                sightings = self.spool.read(these)
+                solved = self._solve(track[these], sightings, solution)
+                verdicts = self._verdicts(solved, sightings, these)
                 for offset, which in enumerate(these):
                     frames = shows[which]
                     if verdicts[offset]:
@@ -311,7 +319,20 @@ class ShotTracker:
                     inliers[frames] = solved.fit.inlier[offset].sum()
                     rms[frames] = solved.fit.rms_px[offset]
                     cov[frames], focal_std[frames] = solved.position_cov[offset], solved.focal_std_px[offset]
-            bridge(blank, status, reason, cov, focal_std, times, self.track.bridge_s)
+            believed = np.unique(place[status == "measured"])
+            if len(believed) < least:
+                gone = status == "measured"
+                status[gone], reason[gone] = "none", f"court in view for only {len(believed)} frames"
+                set_frames(blank, gone, blank_track(1))
+                inliers[gone], rms[gone], cov[gone], focal_std[gone] = 0, np.nan, np.nan, np.nan
+            taken = capture_times(times, np.array(rows.is_duplicate, dtype=bool))
+            bridge(blank, status, reason, cov, focal_std, taken, self.track.bridge_s, self.size[0])
+            later = "the shot ends"
+            for index in range(count - 1, -1, -1):
+                if reason[index] != BETWEEN:
+                    later = reason[index] or "the next measured frame is too far away"
+                elif status[index] == "none":
+                    reason[index] = f"not measured; after it: {later}"
         self.spool.close()
         camera = CourtCamera(**blank, half_diagonal_px=float(np.hypot(*self.size) / 2))
         reason = np.array(
@@ -339,14 +360,17 @@ class ShotTracker:
         crooked = self.search.crooked * self.size[0] + 0.05
         return solve_moving(cameras, sightings, lines=self.lines, crooked_px=crooked)
 
-    def _verdicts(self, solved: FrameCameras, which: np.ndarray) -> list[str]:
+    def _verdicts(self, solved: FrameCameras, sightings: Sightings, which: np.ndarray) -> list[str]:
         """Why each solved frame is not believed; empty where it is."""
-        sightings = self.spool.read(which)
         verdicts = []
         for offset, place in enumerate(which):
             camera = solved.fit.camera[offset]
             seen = self.readable[place]
             trouble = camera_trust(camera, self.court, width=self.size[0], options=self.trust)
+            marked = (sightings.line[offset] < 0) & np.isfinite(sightings.sigma_px[offset])
+            off = solved.fit.residual_px[offset][marked]
+            if not trouble and marked.any() and not np.sqrt(np.mean(off**2)) < 0.004 * self.size[0]:
+                trouble = "the marked points disagree with the clip's camera"
             if not trouble and seen.sum():  # Frames that rest on a person's marks alone have no samples to count.
                 trouble = frame_trust(
                     support=line_counts(sightings.line[offset], self.lines, solved.fit.inlier[offset]),

@@ -66,10 +66,10 @@ def blank_track(count: int) -> dict[str, np.ndarray]:
     }
 
 
-def set_frames(blank: dict[str, np.ndarray], frame, camera: CourtCamera) -> None:
-    """Give the frames (an index of any kind) the camera, in place."""
+def set_frames(blank: dict[str, np.ndarray], frame, camera: CourtCamera | dict[str, np.ndarray]) -> None:
+    """Give the frames (an index of any kind) the camera, or the track's arrays of one, in place."""
     for name, values in blank.items():
-        values[frame] = getattr(camera, name)
+        values[frame] = camera[name] if isinstance(camera, dict) else getattr(camera, name)
 
 
 def bridge(
@@ -80,12 +80,29 @@ def bridge(
     focal_std: np.ndarray,
     times: np.ndarray,
     longest_s: float,
+    width: int,
 ) -> None:
-    """Fill short gaps between measured frames, in place; frames beyond the last or before the first stay empty."""
+    """Fill short gaps between measured frames, in place; frames beyond the last or before the first stay empty.
+
+    A gap across which the view turns by more than a quarter of the picture is no gap of one motion, and stays empty.
+
+    Args:
+        blank: The track.
+        status: Of every frame.
+        reason: Why a frame is not measured.
+        cov: Covariance of the centre.
+        focal_std: Standard deviation of the focal length.
+        times: When the pictures were taken, s.
+        longest_s: Longest gap.
+        width: Of the picture, pixels.
+    """
     measured = np.flatnonzero(status == "measured")
     whole = CourtCamera(**blank, half_diagonal_px=1.0)
     for a, b in zip(measured[:-1], measured[1:], strict=True):
-        if b - a < 2 or times[b] - times[a] > longest_s:
+        if b - a < 2 or not 0 < times[b] - times[a] <= longest_s:
+            continue
+        turn = rotvec_from_rotation(whole.R_cam_from_world[b] @ whole.R_cam_from_world[a].T)
+        if np.linalg.norm(turn) * whole.focal_px[a] > 0.25 * width:
             continue
         gap = np.arange(a + 1, b)
         cameras = between(whole[a], whole[b], (times[gap] - times[a]) / (times[b] - times[a]))
@@ -93,6 +110,7 @@ def bridge(
         why = reason[gap[0]] or "no court found"
         status[gap] = "interpolated"
         reason[gap] = [f"bridged: {reason[g] or why}" for g in gap]
-        cov[gap] = cov[a]
+        apart = whole.position_world[b] - whole.position_world[a]
+        cov[gap] = (cov[a] + cov[b]) / 2 + np.outer(apart, apart)[np.triu_indices(3)] / 4
         drift = abs(whole.focal_px[b] - whole.focal_px[a]) / 2
         focal_std[gap] = np.hypot(max(focal_std[a], focal_std[b]), drift)

@@ -112,8 +112,10 @@ def dominated(time: Float[np.ndarray, " presets"], error: Float[np.ndarray, " pr
 
 
 def dominance_lines(names: Sequence[str], time: Sequence[float], errors: dict[str, Sequence[float]]) -> list[str]:
-    """For each kind of error, whether a preset is dominated in it and in time, in words."""
-    lines = []
+    """For each kind of error, which presets are dominated in it and in time, in words; nothing for one preset alone."""
+    lines: list[str] = []
+    if len(names) < 2:
+        return lines
     for kind, error in errors.items():
         pairs = dominated(np.array(time), np.array(error))
         if not pairs:

@@ -195,6 +195,7 @@ def test_dominance_needs_both_time_and_error() -> None:
     assert dominated(np.array([1.0, 1.0]), np.array([1.0, 1.0])) == []
     lines = dominance_lines(["draft", "best"], [1.0, 2.0], {"error": [1.0, 5.0]})
     assert lines == ["in error against time best is dominated by draft"]
+    assert dominance_lines(["draft"], [1.0], {"error": [1.0]}) == []
 
 
 def test_hand_read_points_are_scored_in_pixels_of_at_most_1920() -> None:
