@@ -21,8 +21,6 @@ class LensOptions:
 
     least_gain: float = 6.0
     """Least drop of minus twice the log evidence that frees a parameter (6 is odds of 20 to 1)."""
-    least_gain_principal: float = 12.0
-    """The same for the principal point, which is off-centre in cropped recordings only."""
     views: int = 24
     """Most distinct views that the shared solution rests on."""
     view_apart: float = 0.004
@@ -92,13 +90,13 @@ def solve_shared(
         gain = evidence_gain(compared, moved, sightings, lines=lines, options=fit_options)
         shift = moved.fit.camera.principal_px[0] - camera.principal_px[0]
         told = f"principal point shifted by ({shift[0]:.0f}, {shift[1]:.0f}) px gains {gain:.0f}"
-        if gain > lens.least_gain_principal:
+        if gain > lens.least_gain:
             return ClipSolution(
                 clip_fit=moved,
                 lens_model="radial and principal point",
-                evidence=f"{text}; {told}, {lens.least_gain_principal:.0f} wanted",
+                evidence=f"{text}; {told}, {lens.least_gain:.0f} wanted",
             )
-        text += f"; {told}, {lens.least_gain_principal:.0f} wanted: left at the centre"
+        text += f"; {told}, {lens.least_gain:.0f} wanted: left at the centre"
     return ClipSolution(clip_fit=radial, lens_model="radial", evidence=text)
 
 

@@ -20,6 +20,11 @@ class TrustOptions:
     """Share of a line's samples that must support it for the line to count as seen."""
     least_lines: int = 5
     """Fewest lines seen (or all but one, on courts with fewer)."""
+    most_missing: int = 1
+    """Most lines of which at least `missing_of` samples are readable and hardly any agree."""
+    missing_of: int = 10
+    missing_share: float = 0.1
+    """Share of a line's samples under which it counts as missing."""
     least_each_way: int = 2
     """Fewest lines seen along, and fewest across, the court."""
     rms_px: tuple[float, float] = (0.45, 0.0008)
@@ -32,8 +37,8 @@ class TrustOptions:
     """Least and greatest focal length over the picture's width."""
     roll_deg: float = 20.0
     """Greatest roll."""
-    radial: tuple[float, float] = (-0.15, 0.2)
-    """Least and greatest radial lens term."""
+    radial: tuple[float, float] = (-0.08, 0.12)
+    """Least and greatest radial lens term: beyond what lenses of match cameras show, a misfit is likelier."""
 
 
 def line_counts(
@@ -77,6 +82,9 @@ def frame_trust(
     for name, way in (("along", along), ("across", ~along)):
         if (seen & way).sum() < options.least_each_way:
             return f"too few lines {name} the court seen: {int((seen & way).sum())}, {options.least_each_way} wanted"
+    missing = (readable >= options.missing_of) & (support < options.missing_share * readable)
+    if missing.sum() > options.most_missing:
+        return f"{int(missing.sum())} court lines are not where they should be in plain view"
     limit = options.rms_px[0] + options.rms_px[1] * width
     if not rms_px <= limit:
         return f"lines disagree with the court: rms {rms_px:.2f} px, {limit:.2f} px allowed"

@@ -21,6 +21,8 @@ TWO_TONE_BIAS = (0.06, 0.3)
 place where the colour changes was fitted, and for narrower ones."""
 SPILL_WIDTH_PX = 1.5
 """Least width at which that place is fitted."""
+SURE_SHARE = 0.75
+"""Share of samples that agree at which a camera is taken without looking for a better one."""
 FAINT_SHARE, FAINT_SEARCH = 0.6, 0.005
 """Lines of which less is found are measured again as faint ones, once they are sought this near (in picture widths)."""
 TYPICAL_RADIAL = (0.02, 0.025)
@@ -202,7 +204,8 @@ def best_sight(
 ) -> Sight | None:
     """The best-supported camera that any first camera leads to, believed or not; None where none leads anywhere.
 
-    A believed camera ends the search: no two cameras of one picture pass together.
+    A believed camera that most samples agree with ends the search; a doubtful one is weighed against what the other
+    first cameras lead to.
     """
     best: Sight | None = None
     for first in firsts:
@@ -211,6 +214,6 @@ def best_sight(
             continue
         if best is None or (not sight.reason, sight.share) > (not best.reason, best.share):
             best = sight
-        if not best.reason:
+        if not best.reason and best.share > SURE_SHARE:
             break
     return best

@@ -10,7 +10,7 @@ from pgm_data.detect.court_network import CourtNetwork
 from pgm_data.geometry.camera import project
 from pgm_data.lift.clip_solve import LensOptions
 from pgm_data.lift.court_camera import CourtCamera
-from pgm_data.lift.plausible import TrustOptions
+from pgm_data.lift.plausible import TrustOptions, frame_trust
 from pgm_data.scene import load_scene
 from pgm_data.simulate.clip import ClipOptions, simulate_clip
 from pgm_data.stages.court_finder import CourtFinder
@@ -174,6 +174,17 @@ def test_one_frame_is_a_clip():
     shot = followed(still.frames())
     assert shot.status[0] == "measured"
     assert shot.jitter_px is None
+
+
+def test_two_lines_missing_in_plain_view_are_not_explained_away():
+    readable = np.full(9, 20)
+    support = np.array([20, 0, 18, 17, 20, 19, 0, 15, 18])
+    told = frame_trust(support=support, readable=readable, rms_px=0.2, width=1280, court=court, options=TrustOptions())
+    assert "plain view" in told
+    support[6] = 12
+    assert not frame_trust(
+        support=support, readable=readable, rms_px=0.2, width=1280, court=court, options=TrustOptions()
+    )
 
 
 def test_a_picture_upside_down_has_no_camera(panning):
