@@ -47,8 +47,6 @@ class ClipFit:
     """Spread of the residuals in units of their stated standard deviation."""
     evidence: float
     """Minus twice the log of Laplace's marginal likelihood, up to a constant that all lens models share."""
-    rows: int
-    """Number of inlier rows."""
 
     @property
     def position_covariance(self) -> Float[np.ndarray, "3 3"]:
@@ -159,7 +157,6 @@ def fit_clip(
         crooked_px=crooked,
         noise=noise,
         evidence=cost + problem.log_volume(information),
-        rows=int(fit.inlier.sum()),
     )
 
 

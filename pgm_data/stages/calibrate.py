@@ -152,7 +152,7 @@ def calibrate_video(
         raise ValueError(f"scene {scene.name}: expected a court to calibrate by, found none declared")
     effort = EFFORTS[options.quality]
     marks = _marks_of(video, Path(options.keypoints), scene.court) if options.keypoints else {}
-    network = _network(scene.court, options.network)
+    network = network_of(scene.court, options.network)
     shots: list[ShotCameras] = []
     rows, unused = _ShotRows(), set(marks)
     with open_video(video, threads=threads, fast=effort.fast_decode) as reader, ExitStack() as spools:
@@ -245,7 +245,7 @@ def calibrate_video(
     )
 
 
-def _network(court: Court, wanted: str) -> CourtNetwork | None:
+def network_of(court: Court, wanted: str) -> CourtNetwork | None:
     """The court's network; None where the scene has none or lines alone are wanted."""
     if wanted == "none" or not (wanted or court.network):
         return None

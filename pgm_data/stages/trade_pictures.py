@@ -20,7 +20,7 @@ from pgm_data.lift.clip_solve import LensOptions
 from pgm_data.lift.plausible import TrustOptions
 from pgm_data.scene import load_scene
 from pgm_data.simulate.negative import draw_negative, draw_props
-from pgm_data.stages.calibrate import EFFORTS, Effort
+from pgm_data.stages.calibrate import EFFORTS, Effort, network_of
 from pgm_data.stages.court_finder import CourtFinder
 from pgm_data.stages.court_track import ShotTracker
 from pgm_data.stages.shot_cameras import ShotCameras
@@ -57,10 +57,7 @@ def look_for_court(arguments: dict, report: Callable[[dict], None]) -> dict:
     scene = load_scene(arguments["scene"])
     court = scene.court
     assert court is not None
-    network_path = Path(arguments["network"]) if arguments["network"] else None
-    network = None
-    if arguments["network"] != "none" and (network_path or court.network):
-        network = CourtNetwork.load(network_path, network_file=court.network, names=court.all_names)
+    network = network_of(court, arguments["network"])
     sources = [Source(path=Path(path), first_frame=first) for path, first in arguments["sources"]]
     first, count, seed = arguments["first"], arguments["count"], arguments["seed"]
     pictures = _pictures(range(first, first + count), arguments["real"], sources, arguments)
