@@ -10,13 +10,13 @@ from jaxtyping import Bool, Float, UInt8
 
 from pgm_data.scene import Scene
 from pgm_data.simulate.camera import CameraTrack
-from pgm_data.simulate.finish import Finish, draw_finish, finished
-from pgm_data.simulate.negative import Props, draw_close_up, draw_props
-from pgm_data.simulate.picture import Canvas, draw_picture
+from pgm_data.simulate.pictures.finish import Finish, draw_finish, finished
+from pgm_data.simulate.pictures.negative import Props, draw_close_up, draw_props
+from pgm_data.simulate.pictures.picture import Canvas, draw_picture
+from pgm_data.simulate.pictures.shapes import in_pieces, stacked
+from pgm_data.simulate.pictures.world import World, area_of, draw_world
 from pgm_data.simulate.play import Motion, camera_course, draw_movers
-from pgm_data.simulate.shapes import in_pieces, stacked
 from pgm_data.simulate.views import Pose, View, broadcast_pose, track_of
-from pgm_data.simulate.world import World, area_of, draw_world
 
 REPEAT_EVERY = 6
 """With `duplicates`, the last of so many frames repeats the one before it."""

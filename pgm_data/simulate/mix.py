@@ -7,12 +7,12 @@ import numpy as np
 from jaxtyping import UInt8
 
 from pgm_data.scene import Scene
-from pgm_data.simulate.finish import draw_finish, finished
-from pgm_data.simulate.negative import Props, draw_negative, draw_props
-from pgm_data.simulate.picture import draw_picture
-from pgm_data.simulate.shapes import polygons
+from pgm_data.simulate.pictures.finish import draw_finish, finished
+from pgm_data.simulate.pictures.negative import Props, draw_negative, draw_props
+from pgm_data.simulate.pictures.picture import draw_picture
+from pgm_data.simulate.pictures.shapes import polygons
+from pgm_data.simulate.pictures.world import draw_world
 from pgm_data.simulate.views import View, any_view, points_in_picture
-from pgm_data.simulate.world import draw_world
 
 MIN_POINTS = 4
 """Crossings that must lie inside a picture that counts as showing the court."""

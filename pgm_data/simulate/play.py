@@ -7,9 +7,9 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from pgm_data.simulate.bystanders import muted
-from pgm_data.simulate.people import Cast, Silhouette, blob_shadow, placed
-from pgm_data.simulate.shapes import Polygons, polygons
+from pgm_data.simulate.pictures.bystanders import muted
+from pgm_data.simulate.pictures.people import Cast, Silhouette, blob_shadow, placed
+from pgm_data.simulate.pictures.shapes import Polygons, polygons
 from pgm_data.simulate.views import Pose
 
 Motion = Literal["any", "still", "drift", "follow"]

@@ -19,7 +19,7 @@ from pgm_data.detect.court_network import CourtNetwork
 from pgm_data.lift.clip_solve import LensOptions
 from pgm_data.lift.plausible import TrustOptions
 from pgm_data.scene import load_scene
-from pgm_data.simulate.negative import draw_negative, draw_props
+from pgm_data.simulate.pictures.negative import draw_negative, draw_props
 from pgm_data.stages.calibrate import EFFORTS, Effort, network_of
 from pgm_data.stages.court_finder import CourtFinder
 from pgm_data.stages.court_track import ShotTracker

@@ -8,7 +8,7 @@ import pytest
 from pgm_data.scene import load_scene
 from pgm_data.simulate.clip import ClipOptions, simulate_clip
 from pgm_data.simulate.mix import MIN_POINTS, MixOptions, mix_pictures
-from pgm_data.simulate.negative import draw_negative, draw_props
+from pgm_data.simulate.pictures.negative import draw_negative, draw_props
 from pgm_data.simulate.views import points_in_picture
 
 SMALL = ClipOptions(frames=14, width=320, height=180)

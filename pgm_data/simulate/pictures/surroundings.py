@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from pgm_data.simulate.shapes import Plane
-from pgm_data.simulate.textures import CROWD_PX_PER_M, Textures
+from pgm_data.simulate.pictures.shapes import Plane
+from pgm_data.simulate.pictures.textures import CROWD_PX_PER_M, Textures
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -6,9 +6,9 @@ import pytest
 
 from pgm_data.scene import Scene, load_scene
 from pgm_data.simulate.clip import ClipOptions, simulate_clip
-from pgm_data.simulate.painter import paint_fine, paint_flat
-from pgm_data.simulate.picture import Canvas
-from pgm_data.simulate.shapes import in_pieces, line_rectangles, polygons
+from pgm_data.simulate.pictures.painter import paint_fine, paint_flat
+from pgm_data.simulate.pictures.picture import Canvas
+from pgm_data.simulate.pictures.shapes import in_pieces, line_rectangles, polygons
 from pgm_data.simulate.views import View, framed_pose
 
 SIZE = (1280, 720)

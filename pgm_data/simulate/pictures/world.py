@@ -8,12 +8,20 @@ from jaxtyping import Float
 
 from pgm_data.court import Court
 from pgm_data.scene import Scene
-from pgm_data.simulate.bystanders import Clothes, draw_bystanders
-from pgm_data.simulate.foreign import foreign_lines
-from pgm_data.simulate.people import Cast, blob_shadow
-from pgm_data.simulate.shapes import NetLook, Plane, Polygons, line_rectangles, net_polygons, polygons, rectangle
-from pgm_data.simulate.surroundings import draw_venue, lettering
-from pgm_data.simulate.textures import Textures
+from pgm_data.simulate.pictures.bystanders import Clothes, draw_bystanders
+from pgm_data.simulate.pictures.foreign import foreign_lines
+from pgm_data.simulate.pictures.people import Cast, blob_shadow
+from pgm_data.simulate.pictures.shapes import (
+    NetLook,
+    Plane,
+    Polygons,
+    line_rectangles,
+    net_polygons,
+    polygons,
+    rectangle,
+)
+from pgm_data.simulate.pictures.surroundings import draw_venue, lettering
+from pgm_data.simulate.pictures.textures import Textures
 
 FIRM_SURFACES = (  # (court, run-off) BGR
     ((150, 95, 62), (92, 135, 88)),

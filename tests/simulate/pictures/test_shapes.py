@@ -5,8 +5,16 @@ import pytest
 
 from pgm_data.court import Court
 from pgm_data.scene import load_scene
-from pgm_data.simulate.painter import paint_flat
-from pgm_data.simulate.shapes import NetLook, in_pieces, line_rectangles, net_polygons, polygons, rectangle, stacked
+from pgm_data.simulate.pictures.painter import paint_flat
+from pgm_data.simulate.pictures.shapes import (
+    NetLook,
+    in_pieces,
+    line_rectangles,
+    net_polygons,
+    polygons,
+    rectangle,
+    stacked,
+)
 
 SCENES = ["tennis", "badminton", "pickleball", "tabletennis"]
 

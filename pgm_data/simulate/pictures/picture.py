@@ -4,10 +4,17 @@ import numpy as np
 from jaxtyping import Float
 
 from pgm_data.simulate.camera import undistorted
-from pgm_data.simulate.painter import FINE, paint_fine, paint_flat, paint_texture, straight_rays, texture_ground
-from pgm_data.simulate.shapes import Plane, Polygons
+from pgm_data.simulate.pictures.painter import (
+    FINE,
+    paint_fine,
+    paint_flat,
+    paint_texture,
+    straight_rays,
+    texture_ground,
+)
+from pgm_data.simulate.pictures.shapes import Plane, Polygons
+from pgm_data.simulate.pictures.world import World
 from pgm_data.simulate.views import View
-from pgm_data.simulate.world import World
 
 
 class Canvas:

@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pgm_data.scene import load_scene
-from pgm_data.simulate.foreign import foreign_lines
-from pgm_data.simulate.painter import MAX_CORNERS, paint_flat, paint_texture
-from pgm_data.simulate.people import draw_cast
-from pgm_data.simulate.shapes import polygons
+from pgm_data.simulate.pictures.foreign import foreign_lines
+from pgm_data.simulate.pictures.painter import MAX_CORNERS, paint_flat, paint_texture
+from pgm_data.simulate.pictures.people import draw_cast
+from pgm_data.simulate.pictures.shapes import polygons
 
 WIDE, TALL = 24, 18
 NONE = np.zeros((0, 0), np.float32)

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from pgm_data.simulate.textures import FONTS, random_word
+from pgm_data.simulate.pictures.textures import FONTS, random_word
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

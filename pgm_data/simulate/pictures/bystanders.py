@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from pgm_data.simulate.people import Cast, Silhouette, by_distance, crate, placed
-from pgm_data.simulate.shapes import Polygons
+from pgm_data.simulate.pictures.people import Cast, Silhouette, by_distance, crate, placed
+from pgm_data.simulate.pictures.shapes import Polygons
 
 
 def muted(rng: np.random.Generator) -> np.ndarray:

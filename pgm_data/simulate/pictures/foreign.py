@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pgm_data.court import Court
-from pgm_data.simulate.shapes import line_rectangles
+from pgm_data.simulate.pictures.shapes import line_rectangles
 
 
 def foreign_lines(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from pgm_data.simulate.shapes import Polygons, polygons, stacked
+from pgm_data.simulate.pictures.shapes import Polygons, polygons, stacked
 
 _ARC = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 6)
 _CAP = np.stack([np.cos(_ARC), np.sin(_ARC)], axis=-1)

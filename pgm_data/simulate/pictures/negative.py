@@ -9,15 +9,15 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from pgm_data.scene import Scene, load_scene, scene_names
-from pgm_data.simulate.bystanders import muted
-from pgm_data.simulate.finish import draw_finish, draw_overlay, finished
-from pgm_data.simulate.foreign import foreign_lines
-from pgm_data.simulate.people import Cast, by_distance, draw_cast, placed
-from pgm_data.simulate.picture import Canvas, draw_over, draw_picture
-from pgm_data.simulate.shapes import polygons
-from pgm_data.simulate.textures import Textures, draw_textures
+from pgm_data.simulate.pictures.bystanders import muted
+from pgm_data.simulate.pictures.finish import draw_finish, draw_overlay, finished
+from pgm_data.simulate.pictures.foreign import foreign_lines
+from pgm_data.simulate.pictures.people import Cast, by_distance, draw_cast, placed
+from pgm_data.simulate.pictures.picture import Canvas, draw_over, draw_picture
+from pgm_data.simulate.pictures.shapes import polygons
+from pgm_data.simulate.pictures.textures import Textures, draw_textures
+from pgm_data.simulate.pictures.world import draw_world
 from pgm_data.simulate.views import any_view, framed_pose, points_in_picture
-from pgm_data.simulate.world import draw_world
 
 CLOSE_UP_POINTS = 2
 """Most crossings of the court that a close-up may show."""
