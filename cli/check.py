@@ -1,4 +1,4 @@
-"""`pgm check PATH...`: files and work folders against the contract."""
+"""`pgm check PATH...`: files, work folders and datasets against the contract."""
 
 import json
 from dataclasses import dataclass
@@ -10,20 +10,20 @@ import tyro
 from .console import option_error
 
 if TYPE_CHECKING:
-    from pgm_data.dataset.check import Checked
+    from pgm_data.dataset.findings import Checked
 
 INVALID = 5
 
 
 @dataclass(frozen=True, kw_only=True)
 class CheckOptions:
-    """Validate files, clip folders and work folders against the schemas, with their physics and their references.
+    """Validate files, clip and work folders and datasets against the schemas, with their physics and references.
 
     Every violation is listed: path, field, what was expected, what was found. Exit code 5 when there is any.
     """
 
     paths: tyro.conf.Positional[tuple[Path, ...]]
-    """Files (json, yaml, parquet), clip folders and work folders."""
+    """Files (json, yaml, parquet), clip folders, work folders and datasets."""
     kind: str = ""
     """What single files are whose name does not tell, such as clip, scene or camera."""
     scene: str = ""

@@ -46,6 +46,11 @@ VERBS: dict[str, Verb] = {
         summary="train the networks, on data with truth",
         example="pgm-train court simulated --out runs/court",
     ),
+    "pack": Verb(
+        module="pack",
+        summary="work folders into one dataset for training and for other tools",
+        example="pgm pack work --out dataset",
+    ),
     "check": Verb(
         module="check",
         summary="validate files, work folders and datasets against the schemas",

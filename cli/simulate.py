@@ -23,9 +23,10 @@ class SimulateOptions:
     out: Path
     """Folder to write into; it must be new or empty, or one of --resume and --overwrite be given."""
     scene: str = "tennis"
-    """Scene to draw, by name or path; it must have a court."""
+    """Scene by name or path. Tennis is played and blocks are walked about, with all their truth; of other courts the
+    cameras alone are true."""
     matches: int = 0
-    """Videos of matches."""
+    """Videos of matches; of blocks, of walks."""
     minutes: float = 1.0
     """Length of each match."""
     mix: int = 0
@@ -34,16 +35,26 @@ class SimulateOptions:
     """What is drawn depends on this and the options alone."""
     pictures: Literal["none", "draft", "full"] = "full"
     """Of matches: none writes the truth alone; full paints even thin lines with their exact centres."""
+    masks: bool = False
+    """Of matches: which object each pixel shows and how far it is, as labels.mkv and depth.mkv beside the tables."""
+    dataset: bool = True
+    """Of matches: pack the truth into OUT/dataset as well."""
     resolution: str = ""
-    """Width x height in pixels; 1280x720 unless given, 640x360 for a mix."""
-    fps: float = 25.0
-    """Frames per second."""
+    """Width x height in pixels; unless given 1280x720, 1024x576 for blocks, 640x360 for a mix."""
+    fps: float | None = None
+    """Frames per second; unless given 25, 20 for blocks."""
     motion: Literal["any", "still", "drift", "follow"] = "any"
     """Camera of matches: standing still, drifting by some pixels, following play, or by lot."""
     duplicates: bool = False
     """Repeat every sixth frame, as a rate conversion does."""
-    closeups: bool = False
-    """Cut to shots without the court now and then."""
+    closeups: bool = True
+    """Cut to close-ups, replays and the crowd between plays."""
+    shutter: float | None = None
+    """Exposure as a share of the time between pictures, 0 to 1; by lot unless given."""
+    wind: tuple[float, float] | None = None
+    """Wind along x and y, m/s; a light one by lot unless given."""
+    surface: Literal["any", "hard", "clay", "grass"] = "any"
+    """Of a tennis court."""
     jobs: int = 0
     """Videos drawn at a time; 0 for one a processor core."""
     resume: bool = False
@@ -86,7 +97,7 @@ def _checked(options: SimulateOptions) -> tuple[int, Callable[[int], "Written"]]
         raise option_error("--matches, --mix", expected="no negative number", got=f"{options.matches}, {options.mix}")
     if options.matches > 1000:
         raise option_error("--matches", expected="1 to 1000", got=options.matches)
-    if not 1.0 <= options.fps <= 240.0:
+    if options.fps is not None and not 1.0 <= options.fps <= 240.0:
         raise option_error("--fps", expected="1 to 240", got=options.fps)
     if options.seed < 0:
         raise option_error("--seed", expected="0 or more", got=options.seed)
@@ -97,28 +108,39 @@ def _checked(options: SimulateOptions) -> tuple[int, Callable[[int], "Written"]]
         from pgm_data.simulate.mix import MixOptions
 
         width, height = picture_size(options.resolution, (640, 360))
-        for name, given in (("--duplicates", options.duplicates), ("--closeups", options.closeups)):
-            if given:
-                raise option_error(name, expected="--matches with it", got="--mix")
+        if options.duplicates:
+            raise option_error("--duplicates", expected="--matches with it", got="--mix")
+        if scene.court is None:
+            raise option_error(
+                "--mix", expected="a scene with a court", got=f"{scene.name}, which has no court to draw"
+            )
         if options.mix > 10_000_000:
             raise option_error("--mix", expected="1 to 10000000", got=options.mix)
-        mix = MixOptions(pictures=options.mix, width=width, height=height, fps=options.fps)
+        mix = MixOptions(pictures=options.mix, width=width, height=height, fps=options.fps or 25.0)
         return mix.videos, partial(_mix_video, options, scene, mix)
 
-    from pgm_data.simulate.clip import ClipOptions
+    from pgm_data.simulate.clip_options import ClipOptions
 
-    if not 0.0 < options.minutes <= 600.0 or round(options.minutes * 60 * options.fps) < 1:
+    fps = options.fps or (20.0 if scene.court is None else 25.0)
+    if not 0.0 < options.minutes <= 600.0 or round(options.minutes * 60 * fps) < 1:
         raise option_error("--minutes", expected="above 0, at least one frame, up to 600", got=options.minutes)
-    width, height = picture_size(options.resolution, (1280, 720))
+    if options.shutter is not None and not 0.0 <= options.shutter <= 1.0:
+        raise option_error("--shutter", expected="0 to 1", got=options.shutter)
+    if options.wind is not None and not all(abs(speed) <= 60.0 for speed in options.wind):
+        raise option_error("--wind", expected="-60 to 60 m/s", got=options.wind)
+    width, height = picture_size(options.resolution, (1024, 576) if scene.court is None else (1280, 720))
     clip = ClipOptions(
-        frames=round(options.minutes * 60 * options.fps),
+        frames=round(options.minutes * 60 * fps),
         width=width,
         height=height,
-        fps=options.fps,
+        fps=fps,
         motion=options.motion,
         duplicates=options.duplicates,
         closeups=options.closeups,
         quality="draft" if options.pictures == "draft" else "full",
+        shutter=options.shutter,
+        wind_ms=options.wind,
+        surface=None if options.surface == "any" else options.surface,
     )
     return options.matches, partial(_match, options, scene, clip)
 
@@ -130,8 +152,8 @@ def _scene(name: str) -> "Scene":
         scene = load_scene(name)
     except ValueError as error:
         raise option_error("--scene", expected="a scene", got=error) from error
-    if scene.court is None:
-        raise option_error("--scene", expected="a scene with a court", got=f"{name}: this scene has no court to draw")
+    if scene.court is None and scene.name != "blocks":
+        raise option_error("--scene", expected="blocks or a scene with a court", got=f"{name}, which has no court")
     return scene
 
 
@@ -143,12 +165,11 @@ def _mix_video(options: SimulateOptions, scene: "Scene", mix, video: int) -> "Wr
 
 
 def _match(options: SimulateOptions, scene: "Scene", clip, match: int) -> "Written":
-    from pgm_data.simulate.folders import write_match
+    from pgm_data.simulate.folders import MatchFiles, write_match
 
     _one_thread()
-    return write_match(
-        options.out, scene, clip, seed=options.seed, match=match, pictures=options.pictures, keep=options.resume
-    )
+    files = MatchFiles(pictures=options.pictures, masks=options.masks, keep=options.resume)
+    return write_match(options.out, scene, clip, files, seed=options.seed, match=match)
 
 
 def _one_thread() -> None:
@@ -185,6 +206,10 @@ def _write(options: SimulateOptions, count: int, draw: Callable[[int], "Written"
         ]
         document = run_document(command="pgm simulate", options=options, started=started, inputs=inputs)
         write_document(options.out / "work" / "run.json", "run", document)
+        if options.dataset and not options.mix:
+            from pgm_data.simulate.folders import pack_truth
+
+            pack_truth(options.out, _scene(options.scene), videos=options.pictures != "none")
     return 0
 
 

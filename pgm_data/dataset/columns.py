@@ -5,7 +5,7 @@ table of events. Missing values are NaN beside a status that says why. Covarianc
 xx, xy, xz, yy, yz, zz; matrices row-major.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
@@ -332,6 +332,15 @@ def arrow_schema(table: str, scene: Scene, *, without: Collection[str] = ()) -> 
     Raises:
         ValueError: If there is no such table in the scene, or a column left out is not optional.
     """
+    declared = table_columns(table, scene)
+    for column in declared:
+        if column.name in without and not column.optional:
+            raise ValueError(f"{table}.{column.name}: expected the column, since it is not optional, got none")
+    return schema_of([column for column in declared if column.name not in without], table=table, scene=scene)
+
+
+def schema_of(columns: Iterable[Column], *, table: str, scene: Scene) -> "pyarrow.Schema":
+    """Arrow schema of these columns, with the metadata that every table carries."""
     import pyarrow as pa
 
     types = {
@@ -343,11 +352,7 @@ def arrow_schema(table: str, scene: Scene, *, without: Collection[str] = ()) -> 
         "double": pa.float64(),
     }
     fields = []
-    for column in table_columns(table, scene):
-        if column.name in without:
-            if not column.optional:
-                raise ValueError(f"{table}.{column.name}: expected the column, since it is not optional, got none")
-            continue
+    for column in columns:
         scalar = types[column.type]
         arrow = pa.list_(pa.field("element", scalar, nullable=False), column.size) if column.size else scalar
         metadata = {"unit": column.unit, "frame": column.frame}

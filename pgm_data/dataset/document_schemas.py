@@ -205,7 +205,7 @@ CLIP = record(
             one_of=["draft", "standard", "best", "truth", "imported"],
         ),
         "lens_model": nullable(LENS_MODEL),
-        "shutter_s": nullable(number("estimated exposure, s", above=0, high=1)),
+        "shutter_s": nullable(number("exposure, estimated or known, s", low=0, high=1)),
         "ui_boxes_px": array("x0, y0, x1, y1 of graphics over the picture, px", numbers("box", 4)),
         "players": mapping(
             "who plays, by player object",
@@ -286,7 +286,7 @@ DATASET_INFO = record(
         "data_files_size_in_mb": integer("size at which a data file ends, MB", low=1),
         "video_files_size_in_mb": integer("size at which a video file ends, MB", low=1),
         "fps": number("frame rate; nominal unless the dataset is constant-rate", above=0),
-        "splits": mapping("frames of each split", text("first:end", pattern=SPAN), OBJECT_NAME),
+        "splits": mapping("episodes of each split", text("first:end", pattern=SPAN), OBJECT_NAME),
         "data_path": text("where data files are"),
         "video_path": nullable(text("where video files are; null without videos")),
         "features": {

@@ -19,6 +19,9 @@ Columns = Mapping[str, np.ndarray]
 LATEST_S = 1e7
 """No time lies further from zero: a hundred days."""
 
+FASTEST_M_S = 120.0
+"""Nothing of a scene moves faster, a smashed shuttlecock in play included."""
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Context:
@@ -51,7 +54,8 @@ def as_text(value: object) -> str:
     if isinstance(value, np.ndarray):
         text = np.array2string(value, precision=6, separator=", ", threshold=12).replace("\n", " ")
     else:
-        text = f"{value:.9g}" if isinstance(value, float | np.floating) else repr(value)
+        plain = value.item() if isinstance(value, np.generic) else value
+        text = f"{plain:.9g}" if isinstance(plain, float) else repr(plain)
     return text if len(text) <= 100 else text[:97] + "..."
 
 
@@ -164,6 +168,18 @@ def covariance_faults(columns: Columns, name: str) -> Iterator[Fault]:
         smallest[usable] = np.linalg.eigvalsh(matrices[usable] / scale[usable, None, None])[:, 0]
     rounding = 1e-9 if columns[name].dtype == np.float64 else 1e-5
     yield from rows_fault(name, smallest < -rounding, "a positive semidefinite matrix", values)
+
+
+def speed_faults(field: str, position: np.ndarray, time: np.ndarray) -> Iterator[Fault]:
+    """Positions that are reached faster than anything of a scene moves; gaps are no fault."""
+    if len(position) < 2:
+        return
+    with np.errstate(divide="ignore", invalid="ignore"):
+        speed = np.linalg.norm(np.diff(position.astype(np.float64), axis=0), axis=1) / np.diff(time)
+    fast = np.concatenate([[False], speed > FASTEST_M_S])
+    yield from rows_fault(
+        field, fast, f"at most {FASTEST_M_S:g} m/s since the row before", lambda row: f"{speed[row - 1]:.4g} m/s"
+    )
 
 
 def missing_faults(columns: Columns, names: Sequence[str], status: np.ndarray, status_name: str) -> Iterator[Fault]:

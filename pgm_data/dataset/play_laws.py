@@ -1,4 +1,4 @@
-"""What the tables of players, ball, events, flights and captions hold to."""
+"""What the tables of ball, events, flights and captions hold to."""
 
 from collections.abc import Iterator
 
@@ -6,6 +6,7 @@ import numpy as np
 
 from pgm_data.dataset.documents import Fault
 from pgm_data.dataset.laws import (
+    FASTEST_M_S,
     Columns,
     Context,
     clip_id_faults,
@@ -18,26 +19,10 @@ from pgm_data.dataset.laws import (
     time_faults,
 )
 
-
-def players_faults(columns: Columns, context: Context) -> Iterator[Fault]:
-    """Laws of the players table beyond its keys."""
-    for player in context.scene.players if context.scene is not None else ():
-        prefix = f"{player.name}."
-        own = {name: values for name, values in columns.items() if name.startswith(prefix)}
-        if f"{prefix}status" in own:
-            # Who plays and how the person is built are known even where the person is not seen.
-            kept = {f"{prefix}{name}" for name in ("identity", "status", "betas")}
-            names = [name for name in own if name not in kept]
-            yield from missing_faults(own, names, own[f"{prefix}status"], f"{prefix}status")
-        if f"{prefix}box_px" in own:
-            box = own[f"{prefix}box_px"]
-            inside_out = (box[:, 2] <= box[:, 0]) | (box[:, 3] <= box[:, 1])
-            yield from rows_fault(f"{prefix}box_px", inside_out, "x0 < x1 and y0 < y1", box)
-        yield from share_faults(own, (f"{prefix}contact",))
-        yield from covariance_faults(own, f"{prefix}root_cov")
-        if f"{prefix}reprojection_px" in own:
-            values = own[f"{prefix}reprojection_px"]
-            yield from rows_fault(f"{prefix}reprojection_px", values < 0, "at least 0", values)
+FASTEST_SPIN = 2000.0
+"""rad/s; no ball of a racket sport turns faster."""
+BELOW_GROUND_M = 0.02
+"""How far an uncertain ball's centre may lie below the ground."""
 
 
 def ball_faults(columns: Columns, context: Context) -> Iterator[Fault]:
@@ -46,14 +31,25 @@ def ball_faults(columns: Columns, context: Context) -> Iterator[Fault]:
         names = ("ball.position", "ball.velocity", "ball.position_cov")
         yield from missing_faults(columns, names, columns["ball.status"], "ball.status")
     yield from covariance_faults(columns, "ball.position_cov")
+    yield from share_faults(columns, ("ball.score",))
+    yield from _ground_faults(columns, "ball.position", context)
+    if "ball.velocity" in columns:
+        speed = np.linalg.norm(columns["ball.velocity"], axis=1)
+        yield from rows_fault("ball.velocity", speed > FASTEST_M_S, f"at most {FASTEST_M_S:g} m/s", speed)
 
 
 def events_faults(columns: Columns, context: Context) -> Iterator[Fault]:
     """Laws of the table of events."""
     yield from clip_id_faults(columns, context)
     if "time" in columns:
-        yield from time_faults("time", columns["time"])
+        time = columns["time"]
+        yield from time_faults("time", time)
+        back = np.concatenate([[False], np.diff(time) < 0])[: len(time)]
+        yield from rows_fault(
+            "time", back, "at least that of the row before", lambda row: f"{time[row]} after {time[row - 1]}"
+        )
     yield from _frame_faults(columns, "frame_index", context, last=-1)
+    yield from _ground_faults(columns, "position", context)
     yield from share_faults(columns, ("probability",))
     yield from _player_faults(columns, context)
 
@@ -74,6 +70,11 @@ def ball_shots_faults(columns: Columns, context: Context) -> Iterator[Fault]:
         if name in columns:
             values = columns[name]
             yield from rows_fault(name, (per_row(values) < 0).any(axis=1), "at least 0", values)
+    for name, limit, unit in (("start_speed", FASTEST_M_S, "m/s"), ("spin", FASTEST_SPIN, "rad/s")):
+        if name in columns:
+            size = np.linalg.norm(per_row(columns[name]), axis=1)
+            yield from rows_fault(name, size > limit, f"at most {limit:g} {unit}", size)
+    yield from _ground_faults(columns, "landing_position", context)
     yield from share_faults(columns, ("in_probability",))
     yield from _player_faults(columns, context)
 
@@ -100,6 +101,34 @@ def captions_faults(columns: Columns, context: Context) -> Iterator[Fault]:
         yield from rows_fault("text", blank, "words", columns["text"])
     if "alternative" in columns:
         yield from rows_fault("alternative", columns["alternative"] < 0, "at least 0", columns["alternative"])
+    yield from _orphan_faults(columns)
+
+
+def _orphan_faults(columns: Columns) -> Iterator[Fault]:
+    """Alternatives whose span has no main text, and spans that have one of a number twice."""
+    span = ("player", "start_frame", "end_frame", "start_s", "end_s")
+    if not all(name in columns for name in (*span, "alternative")):
+        return
+    rows = list(zip(*(columns[name].tolist() for name in (*span, "alternative")), strict=True))
+    main = {row[:-1] for row in rows if row[-1] == 0}
+    alone = np.array([row[:-1] not in main for row in rows], dtype=bool)
+    yield from rows_fault("alternative", alone, "a main text (alternative 0) of the same player and span", rows)
+    seen: set[tuple] = set()
+    again = np.zeros(len(rows), dtype=bool)
+    for number, row in enumerate(rows):
+        again[number] = row in seen
+        seen.add(row)
+    yield from rows_fault("alternative", again, "each alternative of a player's span once", rows)
+
+
+def _ground_faults(columns: Columns, name: str, context: Context) -> Iterator[Fault]:
+    """Balls below the ground that the scene's players may stand on."""
+    scene = context.scene
+    floors = [player.region_m[0][2] for player in scene.players if player.region_m] if scene is not None else []
+    if name in columns and floors:
+        height = columns[name][:, 2]
+        lowest = min(floors) - BELOW_GROUND_M
+        yield from rows_fault(name, height < lowest, f"a height of at least {lowest:g} m", height)
 
 
 def _frame_faults(columns: Columns, name: str, context: Context, last: int) -> Iterator[Fault]:

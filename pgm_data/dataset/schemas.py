@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from pgm_data.dataset.columns import PLAYER, SCHEMA_VERSION, TABLES, Column, Table
+from pgm_data.dataset.dataset_columns import DATA
 from pgm_data.dataset.document_schemas import document_kinds, document_schema
 from pgm_data.dataset.files import whole_file
 
@@ -21,7 +22,8 @@ COUNT_SYMBOLS = {"": "", "keypoints": "K", "joints": "J"}
 def schema_files() -> dict[str, dict[str, Any]]:
     """Content of every schema file by its path below the folder, with forward slashes."""
     documents: dict[str, dict[str, Any]] = {f"{kind}.json": document_schema(kind) for kind in document_kinds()}
-    return documents | {f"tables/{name}.json": table_description(table) for name, table in TABLES.items()}
+    tables = (*TABLES.values(), DATA)
+    return documents | {f"tables/{table.name}.json": table_description(table) for table in tables}
 
 
 def table_description(table: Table) -> dict[str, Any]:

@@ -11,8 +11,9 @@ from pgm_data.dataset.camera_laws import camera_faults
 from pgm_data.dataset.columns import SCHEMA_VERSION, TABLES, Column, declared, table_columns
 from pgm_data.dataset.documents import Fault
 from pgm_data.dataset.laws import Columns, Context, key_faults, shots_faults, value_faults
-from pgm_data.dataset.play_laws import ball_faults, ball_shots_faults, captions_faults, events_faults, players_faults
-from pgm_data.dataset.tables import numpy_column, open_table
+from pgm_data.dataset.play_laws import ball_faults, ball_shots_faults, captions_faults, events_faults
+from pgm_data.dataset.player_laws import players_faults
+from pgm_data.dataset.tables import numpy_column, open_table, stored_schema
 from pgm_data.scene import Scene
 
 LARGEST_TABLE = 4 * 2**30
@@ -39,9 +40,9 @@ def table_faults(path: Path, table: str, context: Context) -> tuple[dict[str, np
         return {}, (Fault(field="", expected=expected, found=path.name),)
     try:
         with open_table(path) as file:
-            schema = pq.read_schema(path)
+            schema = stored_schema(file)
             wanted = _declared_columns(table, context.scene)
-            faults = [*_schema_faults(schema, table, context.scene, wanted), *_size_faults(file, wanted)]
+            faults = [*schema_faults(schema, table, context.scene, wanted), *size_faults(file, wanted)]
             if any(fault.field == "rows" for fault in faults):
                 return {}, tuple(faults)
             right = [c.name for c in wanted if schema.get_all_field_indices(c.name) and _type_found(schema, c) is None]
@@ -65,7 +66,8 @@ def _declared_columns(table: str, scene: Scene | None) -> tuple[Column, ...]:
     return TABLES[table].columns if scene is None else table_columns(table, scene)
 
 
-def _schema_faults(schema: pa.Schema, table: str, scene: Scene | None, wanted: tuple[Column, ...]) -> Iterator[Fault]:
+def schema_faults(schema: pa.Schema, table: str, scene: Scene | None, wanted: tuple[Column, ...]) -> Iterator[Fault]:
+    """Columns that are missing, stray, or of another type, unit or frame than wanted, and wrong metadata."""
     metadata = {k.decode(errors="replace"): v.decode(errors="replace") for k, v in (schema.metadata or {}).items()}
     version = metadata.get("pgm.schema_version")
     if version is None or version.split(".")[0] != SCHEMA_VERSION.split(".")[0]:
@@ -129,7 +131,7 @@ def _type_found(schema: pa.Schema, column: Column) -> str | None:
     return None if right else str(found)
 
 
-def _size_faults(file: pq.ParquetFile, wanted: tuple[Column, ...]) -> Iterator[Fault]:
+def size_faults(file: pq.ParquetFile, wanted: tuple[Column, ...]) -> Iterator[Fault]:
     """More rows than can be read; the fault's field is `rows`."""
     rows = file.metadata.num_rows
     needed = rows * sum(max(column.size, 1) * SCALAR_BYTES[column.type] for column in wanted)

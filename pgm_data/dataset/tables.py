@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -34,16 +35,31 @@ def write_table(path: Path, *, table: str, scene: Scene, columns: Mapping[str, V
     if missing:
         raise ValueError(f"{path}: {table}: expected the columns {missing}, got none of them")
     present = [column for column in expected if column.name in columns]
-    rows = len(columns[present[0].name])
     schema = arrow_schema(table, scene, without={c.name for c in expected} - {c.name for c in present})
-    arrays = [
-        _arrow(columns[column.name], column, rows, schema.field(column.name).type, f"{path}: {column.name}")
-        for column in present
-    ]
+    content = arrow_table(columns, present, schema, place=str(path))
     with whole_file(path) as temporary:
-        pq.write_table(
-            pa.Table.from_arrays(arrays, schema=schema), temporary, compression="zstd", row_group_size=ROW_GROUP
-        )
+        pq.write_table(content, temporary, row_group_size=ROW_GROUP, **storage(schema))
+
+
+def arrow_table(
+    columns: Mapping[str, Values], declared: Sequence[Column], schema: pa.Schema, *, place: str
+) -> pa.Table:
+    """The declared columns as the schema's Arrow table; `place` says in errors where they are.
+
+    Raises:
+        ValueError: If a column is of another length, size or type, or holds a word it may not.
+    """
+    rows = len(columns[declared[0].name])
+    arrays = [
+        _arrow(columns[column.name], column, rows, schema.field(column.name).type, f"{place}: {column.name}")
+        for column in declared
+    ]
+    return pa.Table.from_arrays(arrays, schema=schema)
+
+
+def storage(schema: pa.Schema) -> dict[str, Any]:
+    """How parquet files are stored: zstd, and a dictionary for texts alone, since numbers hardly ever repeat."""
+    return {"compression": "zstd", "use_dictionary": [f.name for f in schema if pa.types.is_string(f.type)]}
 
 
 def _arrow(values: Values, column: Column, rows: int, arrow: pa.DataType, place: str) -> pa.Array:
@@ -108,8 +124,14 @@ def open_table(path: Path) -> pq.ParquetFile:
     """
     if not path.is_file():  # opening a pipe would wait for ever
         raise ValueError("a folder" if path.is_dir() else "no regular file" if path.exists() else "nothing there")
-    schema = pq.read_schema(path)
-    return pq.ParquetFile(path, read_dictionary=[f.name for f in schema if pa.types.is_string(f.type)])
+    metadata = pq.read_metadata(path)
+    texts = [f.name for f in metadata.schema.to_arrow_schema() if pa.types.is_string(f.type)]
+    return pq.ParquetFile(path, metadata=metadata, read_dictionary=texts)
+
+
+def stored_schema(file: pq.ParquetFile) -> pa.Schema:
+    """The schema of a file as it was written, without the dictionaries that reading makes of texts."""
+    return file.metadata.schema.to_arrow_schema()
 
 
 def numpy_column(values: pa.ChunkedArray, place: str) -> np.ndarray:

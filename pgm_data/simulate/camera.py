@@ -94,6 +94,16 @@ def rotation_towards(direction_world: Float[np.ndarray, " 3"], roll: float) -> n
     return np.stack([c * right + s * down, -s * right + c * down, forward])
 
 
+def rotation_of(heading: float, tilt: float, roll: float) -> np.ndarray:
+    """R_cam_from_world of a camera turned, in radians: right of the y axis, above level, clockwise; vertical too."""
+    sin_h, cos_h, sin_t, cos_t = np.sin(heading), np.cos(heading), np.sin(tilt), np.cos(tilt)
+    forward = np.array([sin_h * cos_t, cos_h * cos_t, sin_t])
+    right = np.array([cos_h, -sin_h, 0.0])
+    down = np.array([sin_h * sin_t, cos_h * sin_t, -cos_t])
+    c, s = np.cos(roll), np.sin(roll)
+    return np.stack([c * right + s * down, -s * right + c * down, forward])
+
+
 def k1_of_half_diagonal(k: float, focal_px: float, width: int, height: int) -> float:
     """OpenCV's k1 of a lens whose radial term is k over the picture's half diagonal."""
     return k * (focal_px / (0.5 * float(np.hypot(width, height)))) ** 2

@@ -1,5 +1,6 @@
 """Fills an output folder: videos in `videos/`, their truth as a work folder in `work/`."""
 
+import shutil
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,12 +8,18 @@ from typing import Literal
 
 import numpy as np
 
-from pgm_data.dataset.tables import write_table
+from pgm_data.dataset.pack import pack_work_folders
+from pgm_data.dataset.pack_plan import PackOptions
+from pgm_data.dataset.tables import read_table, write_table
 from pgm_data.scene import Scene
 from pgm_data.simulate.camera import CameraTrack
-from pgm_data.simulate.clip import ClipOptions, SimulatedClip, simulate_clip
+from pgm_data.simulate.clip import simulate_shots
+from pgm_data.simulate.clip_options import ClipOptions
+from pgm_data.simulate.mask_files import write_masks
 from pgm_data.simulate.mix import MixOptions, mix_pictures
-from pgm_data.simulate.store import write_camera_truth, write_clip_truth
+from pgm_data.simulate.shots import Graphics, SimulatedShot
+from pgm_data.simulate.store import content_of, write_camera_truth, write_clip_truth
+from pgm_data.simulate.truth_tables import write_states
 from pgm_data.simulate.views import View, track_of
 from pgm_data.video import write_video
 
@@ -20,6 +27,8 @@ Pictures = Literal["none", "draft", "full"]
 MIX_LENS = "every picture has its own lens"
 CLIP_LENS = "the lens that drew the pictures: one radial term"
 AWAY = "the shot does not show the court"
+PARTS = Path(".pgm") / "shots"
+"""Where each finished video's rows of `shots.parquet` lie: what `--resume` goes by."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -39,81 +48,189 @@ class Written:
         return tuple(dict.fromkeys(c for c in self.clip_of if c))
 
 
+@dataclass(frozen=True, kw_only=True)
+class MatchFiles:
+    """What is written of a match."""
+
+    pictures: Pictures = "full"
+    """`none`: the tables alone."""
+    masks: bool = False
+    """Labels and depth of every frame beside the tables."""
+    keep: bool = False
+    """What an earlier run finished stays as it is."""
+
+
 def match_seed(seed: int, match: int) -> int:
     """The seed of one match of a run."""
     return int(np.random.SeedSequence([seed, match]).generate_state(1)[0])
 
 
-def write_match(
-    out: Path, scene: Scene, options: ClipOptions, *, seed: int, match: int, pictures: Pictures, keep: bool = False
-) -> Written:
-    """Draw and write one match with its truth; with `keep`, what an earlier run finished stays as it is.
+def write_match(out: Path, scene: Scene, options: ClipOptions, files: MatchFiles, *, seed: int, match: int) -> Written:
+    """Simulate and write one match with its truth.
 
     Without pictures the tables are the same and the video is absent.
     """
     name = f"{scene.name}_{seed}_{match:03d}"
-    clip = simulate_clip(scene, options, match_seed(seed, match))
     video = out / "videos" / f"{name}.mp4"
-    shots = _shots(clip.track, name)
-    written = Written(video=f"../videos/{video.name}", timestamps=clip.timestamps, clip_of=_clip_of(shots, len(clip)))
-    done = all((out / "work" / c / "camera.parquet").exists() for c in written.clips)
-    if keep and done and (video.exists() or pictures == "none"):
-        return written
-    if pictures != "none":
+    part = out / "work" / PARTS / f"{name}.parquet"
+    if files.keep and part.exists() and (video.exists() or files.pictures == "none"):
+        return _read_part(part)
+    part.unlink(missing_ok=True)
+    writer = _MatchWriter(out, scene, options, files, name)
+    shots = simulate_shots(scene, options, match_seed(seed, match))
+    if files.pictures == "none":
+        for shot in writer.named(shots):
+            writer.add(*shot)
+    else:
         video.parent.mkdir(parents=True, exist_ok=True)
-        write_video(video, clip.frames(), fps=options.fps, crf=20)
-    for clip_id, start, stop in shots:
-        _write_truth(out, clip, name, clip_id, video, start, stop)
+        preset = "veryfast" if files.pictures == "full" else "ultrafast"
+        write_video(video, writer.pictures(shots), fps=options.fps, crf=20, preset=preset)
+    writer.finish(video)
+    written = Written(
+        video=f"../videos/{video.name}",
+        timestamps=np.concatenate(writer.timestamps),
+        clip_of=tuple(writer.clip_of),
+    )
+    part.parent.mkdir(parents=True, exist_ok=True)
+    _write_rows(part, scene, written)
     return written
 
 
-def _write_truth(out: Path, clip: SimulatedClip, match: str, clip_id: str, video: Path, start: int, stop: int) -> None:
-    part = slice(start, stop)
-    track = CameraTrack(
-        K=clip.track.K[part],
-        distortion=clip.track.distortion[part],
-        R_cam_from_world=clip.track.R_cam_from_world[part],
-        t_cam_from_world=clip.track.t_cam_from_world[part],
+class _MatchWriter:
+    """Takes a match's shots one by one."""
+
+    def __init__(self, out: Path, scene: Scene, options: ClipOptions, files: MatchFiles, name: str) -> None:
+        self._out, self._scene, self._options, self._files, self._name = out, scene, options, files, name
+        self.timestamps: list[np.ndarray] = []
+        self.clip_of: list[str] = []
+        self._open: list[_Unfinished] = []
+
+    def named(self, shots: Iterator[SimulatedShot]) -> Iterator[tuple[str, SimulatedShot]]:
+        """The shots with their clips' names: the match's own if it has one clip only, else numbered."""
+        waiting: list[SimulatedShot] = []
+        count = 0
+        for shot in shots:
+            waiting.append(shot)
+            if sum(s.kind == "clip" for s in waiting) + count < 2:
+                continue
+            for early in waiting:
+                yield (f"{self._name}.{count:02d}" if early.kind == "clip" else ""), early
+                count += early.kind == "clip"
+            waiting = []
+        for shot in waiting:
+            yield (self._name if shot.kind == "clip" else ""), shot
+
+    def pictures(self, shots: Iterator[SimulatedShot]) -> Iterator[np.ndarray]:
+        """The pictures of all shots; the truth of each is written before its first."""
+        for clip_id, shot in self.named(shots):
+            self.add(clip_id, shot)
+            yield from shot.pictures()
+
+    def add(self, clip_id: str, shot: SimulatedShot) -> None:
+        """Write the tables of one shot."""
+        self.timestamps.append(shot.timestamps)
+        self.clip_of += [clip_id] * len(shot)
+        if not clip_id:
+            return
+        folder = self._out / "work" / clip_id
+        size = (self._options.width, self._options.height)
+        write_camera_truth(
+            folder,
+            clip_id=clip_id,
+            scene=self._scene,
+            track=shot.track,
+            timestamps=shot.timestamps,
+            first_video_frame=shot.first_frame,
+            capture_times=shot.capture_times,
+            is_duplicate=shot.is_duplicate,
+        )
+        if shot.states is not None:
+            write_states(
+                folder,
+                clip_id=clip_id,
+                scene=self._scene,
+                states=shot.states,
+                track=shot.track,
+                timestamps=shot.timestamps,
+                capture_times=shot.capture_times,
+                first_video_frame=shot.first_frame,
+                size=size,
+            )
+        if self._files.masks and shot.masks is not None:
+            write_masks(folder, shot.masks(), fps=self._options.fps)
+        people = () if shot.states is None else shot.states.players
+        self._open.append(
+            _Unfinished(
+                clip_id=clip_id,
+                first_frame=shot.first_frame,
+                graphics=shot.graphics,
+                players={
+                    player.name: {"identity": person.identity, "handedness": person.handedness}
+                    for player, person in zip(self._scene.players, people, strict=False)
+                },
+            )
+        )
+
+    def finish(self, video: Path) -> None:
+        """Write every clip's document, once the video that they name is whole."""
+        content = content_of(video)
+        for clip in self._open:
+            folder = self._out / "work" / clip.clip_id
+            # The cameras are read back: kept in memory they would grow with the match.
+            table = read_table(folder / "camera.parquet")
+            write_clip_truth(
+                folder,
+                clip_id=clip.clip_id,
+                match_id=self._name,
+                video=content,
+                source_path=f"../videos/{video.name}",
+                scene=self._scene,
+                size=(self._options.width, self._options.height),
+                first_video_frame=clip.first_frame,
+                track=CameraTrack(
+                    K=table["camera.K"].reshape(-1, 3, 3),
+                    distortion=table["camera.distortion"],
+                    R_cam_from_world=table["camera.R_cam_from_world"].reshape(-1, 3, 3),
+                    t_cam_from_world=table["camera.t_cam_from_world"],
+                ),
+                lens_reason=CLIP_LENS,
+                shutter_s=clip.graphics.shutter_s,
+                ui_boxes_px=clip.graphics.ui_boxes_px,
+                players=clip.players,
+            )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Unfinished:
+    """A clip whose document waits for its video."""
+
+    clip_id: str
+    first_frame: int
+    graphics: Graphics
+    players: dict[str, dict[str, str | None]]
+
+
+def _read_part(part: Path) -> Written:
+    rows = read_table(part)
+    return Written(video=rows["video"][0], timestamps=rows["timestamp"], clip_of=tuple(rows["clip_id"]))
+
+
+def _write_rows(path: Path, scene: Scene, written: Written) -> None:
+    """One video's rows of the table of shots."""
+    clips = written.clip_of
+    write_table(
+        path,
+        table="shots",
+        scene=scene,
+        columns={
+            "video": [written.video] * len(clips),
+            "video_frame": np.arange(len(clips), dtype=np.int64),
+            "timestamp": written.timestamps,
+            "verdict": ["clip" if c else "other" for c in clips],
+            "reason": ["" if c else AWAY for c in clips],
+            "clip_id": list(clips),
+        },
     )
-    folder = out / "work" / clip_id
-    folder.mkdir(parents=True, exist_ok=True)
-    write_clip_truth(
-        folder,
-        clip_id=clip_id,
-        match_id=match,
-        video=video,
-        source_path=f"../videos/{video.name}",
-        scene=clip.scene,
-        size=(clip.width, clip.height),
-        first_video_frame=start,
-        track=track,
-        lens_reason=CLIP_LENS,
-    )
-    write_camera_truth(
-        folder,
-        clip_id=clip_id,
-        scene=clip.scene,
-        track=track,
-        timestamps=clip.timestamps[part],
-        first_video_frame=start,
-        capture_times=clip.capture_times[part],
-        is_duplicate=clip.is_duplicate[part],
-    )
-
-
-def _shots(track: CameraTrack, name: str) -> list[tuple[str, int, int]]:
-    """(clip id, first frame, frame after the last) of every shot that shows the court."""
-    steps = np.diff(np.concatenate([[0], track.shows_court.astype(int), [0]]))
-    spans = list(zip(np.flatnonzero(steps == 1), np.flatnonzero(steps == -1), strict=True))
-    names = [name] if len(spans) == 1 else [f"{name}.{i:02d}" for i in range(len(spans))]
-    return [(n, int(a), int(b)) for n, (a, b) in zip(names, spans, strict=True)]
-
-
-def _clip_of(shots: list[tuple[str, int, int]], frames: int) -> tuple[str, ...]:
-    names = [""] * frames
-    for clip_id, start, stop in shots:
-        names[start:stop] = [clip_id] * (stop - start)
-    return tuple(names)
 
 
 def write_mix_video(
@@ -154,6 +271,20 @@ def write_mix_video(
     )
     write_camera_truth(folder, clip_id=name, scene=scene, track=track, timestamps=times)
     return written
+
+
+def pack_truth(out: Path, scene: Scene, *, videos: bool) -> None:
+    """Pack `work/` into `dataset/`, in place of one that is there.
+
+    Raises:
+        RuntimeError: If a clip cannot be packed, which would be a fault of the simulator.
+    """
+    shutil.rmtree(out / "dataset", ignore_errors=True)
+    (out / "dataset").mkdir()
+    options = PackOptions(videos="link" if videos else "none")
+    outcome = pack_work_folders([out / "work"], out / "dataset", options, scene=scene)
+    if outcome.problems:
+        raise RuntimeError(f"{outcome.problems[0]}, and {len(outcome.problems) - 1} more")
 
 
 def write_shots(out: Path, scene: Scene, videos: Iterable[Written]) -> None:

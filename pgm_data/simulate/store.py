@@ -1,7 +1,10 @@
 """Writes simulated videos and their truth as work folders of the contract."""
 
 import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
@@ -11,6 +14,7 @@ from pgm_data.scene import Scene
 from pgm_data.simulate.camera import CameraTrack
 
 TIME_BASE = "1/90000"
+NOBODY: Mapping[str, Mapping[str, str | None]] = MappingProxyType({})
 
 
 def write_camera_truth(
@@ -55,21 +59,56 @@ def write_camera_truth(
     )
 
 
+@dataclass(frozen=True, kw_only=True)
+class VideoContent:
+    """What tells one video file from another."""
+
+    sha256: str
+    bytes: int
+
+
+def content_of(video: Path) -> VideoContent:
+    """Of the file; of an empty one where there is none."""
+    if not video.exists():
+        return VideoContent(sha256=hashlib.sha256().hexdigest(), bytes=0)
+    with video.open("rb") as file:
+        return VideoContent(sha256=hashlib.file_digest(file, "sha256").hexdigest(), bytes=video.stat().st_size)
+
+
 def write_clip_truth(
     folder: Path,
     *,
     clip_id: str,
     match_id: str,
-    video: Path,
+    video: Path | VideoContent,
     source_path: str,
     scene: Scene,
     size: tuple[int, int],
     first_video_frame: int,
     track: CameraTrack,
     lens_reason: str,
+    shutter_s: float | None = None,
+    ui_boxes_px: Sequence[Sequence[float]] = (),
+    players: Mapping[str, Mapping[str, str | None]] = NOBODY,
 ) -> None:
-    """`clip.json` of a simulated clip; `video` may be absent, when no pictures were drawn."""
-    content = video.read_bytes() if video.exists() else b""
+    """`clip.json` of a simulated clip.
+
+    Args:
+        folder: The clip's folder.
+        clip_id: Its name.
+        match_id: The match, which no split divides.
+        video: The drawn video, or what it holds, read once for all of its clips; absent where no pictures were drawn.
+        source_path: Its path from the work folder.
+        scene: What it shows.
+        size: Width and height of the pictures, px.
+        first_video_frame: The clip's first frame in its video.
+        track: The clip's cameras.
+        lens_reason: Why the lens is as it is.
+        shutter_s: How long the shutter is open, s.
+        ui_boxes_px: x0, y0, x1, y1 of logos and score boards, px.
+        players: Identity and handedness of each player object, such as player0.
+    """
+    content = content_of(video) if isinstance(video, Path) else video
     centres = -np.einsum("nji,nj->ni", track.R_cam_from_world, track.t_cam_from_world)
     shown = track.shows_court
     focal = track.K[shown, 0, 0]
@@ -92,8 +131,8 @@ def write_clip_truth(
             "clip_id": clip_id,
             "match_id": match_id,
             "source_path": source_path,
-            "sha256": hashlib.sha256(content).hexdigest(),
-            "bytes": len(content),
+            "sha256": content.sha256,
+            "bytes": content.bytes,
             "width": size[0],
             "height": size[1],
             "time_base": TIME_BASE,
@@ -102,9 +141,9 @@ def write_clip_truth(
             "scene": scene.name,
             "quality": "truth",
             "lens_model": {"model": "opencv_k1", "reason": lens_reason},
-            "shutter_s": None,
-            "ui_boxes_px": [],
-            "players": {},
+            "shutter_s": shutter_s,
+            "ui_boxes_px": [[float(edge) for edge in box] for box in ui_boxes_px],
+            "players": {name: dict(person) for name, person in players.items()},
             "camera": camera,
             "solved_share": float(shown.mean()),
         },

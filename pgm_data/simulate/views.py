@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pgm_data.court import Court
-from pgm_data.simulate.camera import CameraTrack, k1_of_half_diagonal, pixels_of, rotation_towards
+from pgm_data.simulate.camera import CameraTrack, k1_of_half_diagonal, pixels_of, rotation_of, rotation_towards
 
 TENNIS_HALF_LENGTH_M = 11.835
 
@@ -63,13 +63,11 @@ class Pose:
 
     def view(self, size: tuple[int, int]) -> View:
         """The camera of pictures of this size (width, height)."""
-        level = np.cos(self.tilt)
-        forward = np.array([np.sin(self.heading) * level, np.cos(self.heading) * level, np.sin(self.tilt)])
         cx, cy = self.principal_px
         return View(
             K=np.array([[self.focal_px, 0.0, cx], [0.0, self.focal_px, cy], [0.0, 0.0, 1.0]]),
             k1=k1_of_half_diagonal(self.k, self.focal_px, *size),
-            R_cam_from_world=rotation_towards(forward, self.roll),
+            R_cam_from_world=rotation_of(self.heading, self.tilt, self.roll),
             centre_world=np.asarray(self.centre_world, dtype=float),
         )
 

@@ -12,8 +12,8 @@ from pathlib import Path
 from pgm_data.dataset.clip_camera import ClipCamera, read_clip_camera
 from pgm_data.dataset.documents import read_document
 from pgm_data.scene import load_scene
-from pgm_data.simulate.clip import ClipOptions
-from pgm_data.simulate.folders import write_match
+from pgm_data.simulate.clip_options import ClipOptions
+from pgm_data.simulate.folders import MatchFiles, write_match
 from pgm_data.stages.calibrate import CalibrateOptions, VideoOutcome, calibrate_video
 from pgm_data.stages.trade_score import Cost, score_video
 
@@ -33,9 +33,8 @@ def draw_clip(arguments: dict, report: Report) -> dict:
         duplicates=number % 4 == 3,
     )
     scene = load_scene(arguments["scene"])
-    written = write_match(
-        Path(arguments["out"]), scene, options, seed=arguments["seed"], match=number, pictures="full", keep=True
-    )
+    files = MatchFiles(pictures="full", keep=True)
+    written = write_match(Path(arguments["out"]), scene, options, files, seed=arguments["seed"], match=number)
     return {"video": written.video, "clips": list(written.clips)}
 
 

@@ -22,7 +22,8 @@ from pgm_data.dataset.tables import read_table
 from pgm_data.geometry.camera import Camera
 from pgm_data.scene import load_scene
 from pgm_data.simulate.camera import CameraTrack
-from pgm_data.simulate.clip import ClipOptions, SimulatedClip, simulate_clip
+from pgm_data.simulate.clip import SimulatedClip, simulate_clip
+from pgm_data.simulate.clip_options import ClipOptions
 from pgm_data.video import open_video, write_video
 
 COMMAND = "import sys; from pgm_cli.main import pgm_calibrate; sys.argv[0] = 'pgm-calibrate'; pgm_calibrate()"

@@ -128,13 +128,14 @@ def write_clip(folder: Path, *, scene: Scene, frames: int = 12, first_video_fram
             own = table_columns(table, scene)[4:]
             columns = keys(name, frames, first_video_frame) | absent_columns(own, frames)
             write_table(folder / f"{table}.parquet", table=table, scene=scene, columns=columns)
+    start = first_video_frame / FPS
     captions = {
         "clip_id": [name, name],
         "player": np.array([0, 0], np.int32),
         "start_frame": [0, 6],
         "end_frame": [6, frames],
-        "start_s": [0.0, 0.24],
-        "end_s": [0.24, frames / FPS],
+        "start_s": [start, start + 0.24],
+        "end_s": [start + 0.24, start + frames / FPS],
         "text": ["runs", "waits"],
         "source": ["human", "human"],
         "alternative": np.array([0, 0], np.int32),
@@ -143,7 +144,7 @@ def write_clip(folder: Path, *, scene: Scene, frames: int = 12, first_video_fram
     if scene.ball is not None:
         events = {
             "clip_id": [name] * 2,
-            "time": [0.05, 0.31],
+            "time": [start + 0.05, start + 0.31],
             "frame_index": [1, 8],
             "kind": ["hit", "bounce"],
             "player": ["player0", ""],
@@ -156,8 +157,8 @@ def write_clip(folder: Path, *, scene: Scene, frames: int = 12, first_video_fram
             "clip_id": [name],
             "start_event": [0],
             "end_event": [1],
-            "start_time": [0.05],
-            "end_time": [0.31],
+            "start_time": [start + 0.05],
+            "end_time": [start + 0.31],
             "player": ["player0"],
             "start_speed": [50.0],
             "spin": np.zeros((1, 3)),

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from pgm_data.scene import load_scene
-from pgm_data.simulate.clip import ClipOptions, simulate_clip
+from pgm_data.simulate.clip import simulate_clip
+from pgm_data.simulate.clip_options import ClipOptions
 from pgm_data.simulate.mix import MIN_POINTS, MixOptions, mix_pictures
 from pgm_data.simulate.pictures.negative import draw_negative, draw_props
 from pgm_data.simulate.views import points_in_picture
@@ -78,9 +79,10 @@ def test_options_out_of_range_are_refused_by_name(wrong: dict) -> None:
         ClipOptions(**wrong)
 
 
-def test_a_scene_without_a_court_is_refused_with_the_reason() -> None:
-    with pytest.raises(ValueError, match="this scene has no court"):
-        simulate_clip(load_scene("blocks"), SMALL, 0)
+def test_a_scene_without_a_court_that_is_not_the_blocks_is_refused_with_the_reason() -> None:
+    scene = replace(load_scene("blocks"), name="caves")
+    with pytest.raises(ValueError, match="got no court"):
+        simulate_clip(scene, SMALL, 0)
 
 
 def test_the_mix_depends_on_seed_and_video_and_shows_the_court_in_most_pictures() -> None:

@@ -1,17 +1,26 @@
 """What `pgm simulate` leaves on disk keeps the contract, and bad options end with exit code 2."""
 
+import hashlib
+import os
+import subprocess
+import sys
 from pathlib import Path
 
+import av
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
+import yaml
 from pgm_cli.main import run
 
 from pgm_data.dataset.check import check_paths
 from pgm_data.dataset.documents import read_document
 from pgm_data.dataset.tables import read_table
-from pgm_data.scene import load_scene
-from pgm_data.simulate.clip import ClipOptions, simulate_clip
+from pgm_data.scene import load_scene, scene_text
+from pgm_data.simulate.clip import simulate_clip
+from pgm_data.simulate.clip_options import ClipOptions
 from pgm_data.simulate.folders import match_seed
+from pgm_data.simulate.mask_files import DEPTH_UNIT_M
 from pgm_data.video import open_video
 
 SMALL = ["--resolution", "160x90", "--jobs", "1"]
@@ -41,15 +50,96 @@ def test_a_match_has_its_video_and_the_truth_of_every_frame(tmp_path: Path) -> N
 def test_truth_without_pictures_cuts_at_closeups_and_is_the_same_for_any_quality(tmp_path: Path) -> None:
     tables = []
     for name in ("a", "b"):
-        argv = ["simulate", "--out", str(tmp_path / name), "--matches", "1", "--minutes", "1", "--closeups"]
-        assert run([*argv, "--pictures", "none", *SMALL]) == 0
+        argv = ["simulate", "--out", str(tmp_path / name), "--matches", "1", "--minutes", "1"]
+        assert run([*argv, "--pictures", "none", "--fps", "5", *SMALL]) == 0
         assert not (tmp_path / name / "videos").exists()
         tables.append(read_table(tmp_path / name / "work" / "tennis_0_000.01" / "camera.parquet"))
     np.testing.assert_array_equal(tables[0]["camera.R_cam_from_world"], tables[1]["camera.R_cam_from_world"])
     shots = read_table(tmp_path / "a" / "work" / "shots.parquet")
-    assert len(shots["video_frame"]) == 1500
+    assert len(shots["video_frame"]) == 300
     assert (shots["verdict"] == "other").any()
     assert ((shots["verdict"] == "clip") == (shots["clip_id"] != "")).all()
+
+
+def _contents(folder: Path) -> dict[str, str]:
+    """The hash of every file but those that tell of the run itself."""
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and path.name != "run.json" and ".pgm" not in path.parts
+    }
+
+
+@pytest.mark.parametrize("scene", ["tennis", "blocks"])
+def test_every_byte_is_the_same_in_other_processes_and_with_more_workers(scene: str, tmp_path: Path) -> None:
+    argv = ["--scene", scene, "--matches", "2", "--minutes", "0.01", "--seed", "7", "--resolution", "160x90"]
+    assert run(["simulate", "--out", str(tmp_path / "here"), *argv, "--jobs", "1"]) == 0
+    for name, jobs, salt in (("one", "1", "1"), ("two", "2", "2")):
+        start = "import sys; from pgm_cli.main import run; sys.exit(run(sys.argv[1:]))"
+        command = [sys.executable, "-c", start, "simulate", "--out", str(tmp_path / name), *argv]
+        environment = os.environ | {"PYTHONHASHSEED": salt}
+        subprocess.run([*command, "--jobs", jobs], check=True, env=environment, capture_output=True)
+        assert _contents(tmp_path / name) == _contents(tmp_path / "here")
+
+
+def test_tables_and_dataset_keep_the_contract_with_all_their_laws(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    argv = ["simulate", "--out", str(out), "--matches", "2", "--minutes", "0.3", "--seed", "1", "--masks"]
+    assert run([*argv, "--fps", "5", *SMALL]) == 0
+    assert check_paths([out / "work", out / "dataset"]) == []
+    clips = sorted(p.parent.name for p in (out / "work").glob("*/clip.json"))
+    for clip in clips:
+        names = {p.name for p in (out / "work" / clip).iterdir()}
+        tables = {f"{t}.parquet" for t in ("camera", "players", "ball", "events", "ball_shots", "captions")}
+        assert names == tables | {"clip.json", "labels.mkv", "depth.mkv"}
+    document = read_document(out / "work" / clips[0] / "clip.json", "clip")
+    assert set(document["players"]) == {"player0", "player1"}
+    # One person is called the same in every clip of a match, at whichever end.
+    people = {
+        p["identity"]
+        for clip in clips
+        if clip.startswith("tennis_1_000")
+        for p in read_document(out / "work" / clip / "clip.json", "clip")["players"].values()
+    }
+    assert len(people) == 2
+
+
+def test_masks_say_which_object_is_seen_and_how_far(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    argv = ["simulate", "--out", str(out), "--matches", "1", "--minutes", "0.005", "--masks", "--pictures", "none"]
+    assert run([*argv, "--resolution", "640x360", "--jobs", "1"]) == 0
+    folder = out / "work" / "tennis_0_000"
+    with av.open(str(folder / "labels.mkv")) as video:
+        labels = [frame.to_ndarray() for frame in video.decode(video=0)]
+    with av.open(str(folder / "depth.mkv")) as video:
+        depth = [frame.to_ndarray() * DEPTH_UNIT_M for frame in video.decode(video=0)]
+    rows = read_table(folder / "players.parquet")
+    assert len(labels) == len(depth) == len(rows["frame_index"])
+    for player in (0, 1):
+        where = np.argwhere(labels[0] == 1 + player)
+        y0, x0 = where.min(axis=0)
+        y1, x1 = where.max(axis=0)
+        box = rows[f"player{player}.box_px"][0]
+        # The mask holds the racket, which the box of the person does not.
+        assert x0 - 4 < box[2] and x1 + 4 > box[0] and y0 - 4 < box[3] and y1 + 4 > box[1]
+        assert abs((y0 + y1) / 2 - (box[1] + box[3]) / 2) < 0.25 * (box[3] - box[1])
+    assert depth[0][labels[0] == 1].mean() < depth[0][labels[0] == 2].mean()
+
+
+def test_a_court_without_people_and_ball_has_neither(tmp_path: Path) -> None:
+    scene = yaml.safe_load(scene_text("tennis"))
+    scene["name"] = "empty"
+    scene["objects"] = {name: scene["objects"][name] for name in ("court", "backplate")}
+    del scene["ball"]
+    path = tmp_path / "empty.yaml"
+    path.write_text(yaml.safe_dump(scene), encoding="utf-8")
+    out = tmp_path / "out"
+    argv = ["simulate", "--out", str(out), "--scene", str(path), "--matches", "1", "--minutes", "0.004"]
+    assert run([*argv, *SMALL]) == 0
+    assert sorted(p.name for p in (out / "work" / "empty_0_000").iterdir()) == ["camera.parquet", "clip.json"]
+    columns = pq.read_schema(out / "dataset" / "data" / "chunk-000" / "file-000.parquet").names
+    assert not [name for name in columns if name.startswith(("player", "ball"))]
+    assert not (out / "dataset" / "captions").exists()
 
 
 def test_a_mix_has_status_none_where_no_court_is_seen(tmp_path: Path) -> None:
@@ -85,7 +175,11 @@ def test_resume_leaves_finished_videos_alone_and_a_full_folder_is_refused(tmp_pa
         (["--matches", "1", "--resolution", "wide"], "--resolution"),
         (["--matches", "1", "--resolution", "641x360"], "--resolution"),
         (["--matches", "1", "--scene", "cricket"], "--scene"),
-        (["--matches", "1", "--scene", "blocks"], "has no court"),
+        (["--mix", "1", "--scene", "blocks"], "--mix"),
+        (["--matches", "1", "--shutter", "1.5"], "--shutter"),
+        (["--matches", "1", "--wind", "100", "0"], "--wind"),
+        (["--matches", "1", "--fps", "0"], "--fps"),
+        (["--matches", "1", "--fps", "1000"], "--fps"),
         (["--matches", "-2"], "--matches"),
         (["--matches", "1", "--mix", "1"], "--mix"),
         ([], "--matches"),

@@ -16,7 +16,8 @@ from pgm_data.dataset.check import check_paths
 from pgm_data.dataset.documents import read_document
 from pgm_data.dataset.tables import read_table, write_table
 from pgm_data.scene import load_scene
-from pgm_data.simulate.clip import ClipOptions, simulate_clip
+from pgm_data.simulate.clip import simulate_clip
+from pgm_data.simulate.clip_options import ClipOptions
 from pgm_data.stages import calibrate_run
 from pgm_data.stages.calibrate import CalibrateOptions, run_job
 from pgm_data.stages.calibrate_plan import OWN_OUTPUT, Choice, Plan, plan_run

@@ -12,7 +12,8 @@ from pgm_data.lift.clip_solve import LensOptions
 from pgm_data.lift.court_camera import CourtCamera
 from pgm_data.lift.plausible import TrustOptions, frame_trust
 from pgm_data.scene import load_scene
-from pgm_data.simulate.clip import ClipOptions, simulate_clip
+from pgm_data.simulate.clip import simulate_clip
+from pgm_data.simulate.clip_options import ClipOptions
 from pgm_data.stages.court_finder import CourtFinder
 from pgm_data.stages.court_search import SearchOptions
 from pgm_data.stages.court_spool import Spool

@@ -28,12 +28,16 @@ class Flight:
     drag_per_m: float
     """rho Cd A / (2 m) of this flight, 1/m; 0 where it rolls."""
     rolls: bool = False
-    """Whether the ball rolls or lies on the ground instead of flying."""
+    """Whether the ball rolls or lies on the ground, or on the net's tape, instead of flying."""
 
     def __post_init__(self) -> None:
         """Check the times."""
         if len(self.times) < 2 or not (np.diff(self.times) > 0).all():
             raise ValueError(f"Flight.times: expected two or more, rising, got {self.times[:4]}...")
+
+    def at(self, times: Float[np.ndarray, " times"]) -> tuple[np.ndarray, np.ndarray]:
+        """Positions and velocities (times, 3) by cubic Hermite interpolation, at times within the flight."""
+        return _hermite(self, times)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -76,7 +80,7 @@ class BallPath:
             end = flight.times[-1]
             inside = (times >= flight.times[0]) & ((times <= end) if last else (times < end))
             if inside.any():
-                position[inside], velocity[inside] = _hermite(flight, times[inside])
+                position[inside], velocity[inside] = flight.at(times[inside])
         return position, velocity
 
 

@@ -46,8 +46,11 @@ def draw_bystanders(
     *,
     hard: bool,
     players: bool,
-) -> tuple[Polygons, Polygons, list[tuple[np.ndarray, float]]]:
-    """People and furniture beyond the net, those before it, and (place, height) of all who stand on the ground.
+    people: bool,
+) -> tuple[Polygons, Polygons, list[tuple[np.ndarray, float]], np.ndarray | None]:
+    """People, if wanted, and furniture beyond the net and before it, who stands on the ground, and the umpire's seat.
+
+    Who stands: (place, height) of each. The seat is None where there is no high chair.
 
     `area` is the half width and half length of the space and the floor's height, `walls` the half width and half length
     between the hoardings, metres.
@@ -61,6 +64,10 @@ def draw_bystanders(
         return figures[int(rng.integers(len(figures)))]
 
     def put(figure: Silhouette, x: float, y: float, worn: np.ndarray, height: float, lift: float = 0.0) -> None:
+        if people:
+            place_figure(figure, x, y, worn, height, lift)
+
+    def place_figure(figure: Silhouette, x: float, y: float, worn: np.ndarray, height: float, lift: float) -> None:
         place = np.array([x, y, floor_z + lift])
         reach = float(np.linalg.norm(place - centre_world))
         if reach < 3.0:
@@ -95,9 +102,11 @@ def draw_bystanders(
             size = rng.uniform(0.3, 1.6, 3) * [1.0, 1.2, 0.7]
             shapes = crate(low, size, muted(rng), centre_world)
             (beyond if low[1] > 0 else before).append((float(np.linalg.norm(low - centre_world)), shapes))
+    seat = None
     if rng.random() < 0.75:
         side = rng.choice([-1.0, 1.0])
         x = side * (half_x * rng.uniform(0.72, 0.85))
-        put(pick(cast.chairs), x, 0.05, clothes.staff(), 2.7)
+        place_figure(pick(cast.chairs), x, 0.05, clothes.staff(), 2.7, 0.0)
         put(pick(cast.seated), x, 0.04, clothes.staff(), 1.7, lift=1.35)
-    return by_distance(beyond), by_distance(before), feet
+        seat = np.array([x, 0.05, floor_z + 1.9])
+    return by_distance(beyond), by_distance(before), feet, seat

@@ -65,7 +65,7 @@ def draw_negative(
         raise ValueError(
             f"draw_negative.props: expected buffers of {width}x{height}, got {props.canvas.width}x{props.canvas.height}"
         )
-    kinds = (_crowd, draw_close_up, _other, _clutter, _graphics, _bare)
+    kinds = (draw_crowd, draw_close_up, _other, _clutter, _graphics, _bare)
     picture = kinds[int(rng.choice(6, p=[0.15, 0.3, 0.2, 0.12, 0.1, 0.13]))](rng, props)
     finish = draw_finish(rng, width, height, hard=True)
     grain = props.textures.grain[finish.noise_kind]
@@ -85,7 +85,8 @@ def _enlarged(rng, texture: np.ndarray, width: int, height: int) -> np.ndarray:
     return cv2.resize(part, (width, height), interpolation=cv2.INTER_AREA).astype(np.float32)
 
 
-def _crowd(rng, props: Props) -> np.ndarray:
+def draw_crowd(rng: np.random.Generator, props: Props) -> Float[np.ndarray, "height width 3"]:
+    """Spectators, or trees, that fill the picture."""
     pool = props.textures.crowds if rng.random() < 0.75 else props.textures.foliage
     return _enlarged(rng, pool[int(rng.integers(len(pool)))], props.canvas.width, props.canvas.height)
 
@@ -107,7 +108,7 @@ def _graphics(rng, props: Props) -> np.ndarray:
 def _clutter(rng, props: Props) -> np.ndarray:
     """Straight lines of all sorts over anything."""
     width, height = props.canvas.width, props.canvas.height
-    picture = _crowd(rng, props) if rng.random() < 0.4 else _bare(rng, props).copy()
+    picture = draw_crowd(rng, props) if rng.random() < 0.4 else _bare(rng, props).copy()
     base = np.clip(picture, 0, 255).astype(np.uint8)
     for _ in range(int(rng.integers(3, 30))):
         ends = rng.integers(0, [width, height], (2, 2))

@@ -16,6 +16,8 @@ from pgm_data.simulate.pictures.shapes import Plane, Polygons
 from pgm_data.simulate.pictures.world import World
 from pgm_data.simulate.views import View
 
+NOTHING_WORN = np.zeros((0, 0), np.float32)
+
 
 class Canvas:
     """Buffers of one picture size, reused from picture to picture."""
@@ -51,29 +53,67 @@ class Canvas:
 
 def draw_picture(canvas: Canvas, world: World, view: View, noise: np.ndarray) -> Float[np.ndarray, "height width 3"]:
     """BGR of the world seen by this camera, about 0 to 255, in a buffer that the next picture overwrites."""
-    image, cover = canvas.image, canvas.cover
-    seen, limits = canvas.aim(view)
-    none = np.zeros((0, 0), np.float32)
+    brush = Brush(canvas, view)
+    brush.backdrop(world, noise)
+    brush.net(world)
+    brush.flat(world.front)
+    return canvas.image
 
-    def flat(group: Polygons, keep: np.ndarray = none) -> None:
-        paint_flat(image, cover, group.corners, group.starts, group.colours, group.alphas, seen, limits, keep)
 
-    def exact(group: Polygons, keep: np.ndarray = none) -> None:
+class Brush:
+    """Paints a world's layers into a canvas through one camera."""
+
+    def __init__(self, canvas: Canvas, view: View) -> None:
+        """Aim the canvas."""
+        self._canvas, self._view = canvas, view
+        self._seen, self._limits = canvas.aim(view)
+
+    def backdrop(self, world: World, noise: np.ndarray) -> None:
+        """Everything beyond the net: sky, ground, lines, words, shadows, stands, and who stands there."""
+        canvas, image = self._canvas, self._canvas.image
+        share = np.linspace(0.0, 1.0, canvas.height, dtype=np.float32)[:, None, None]
+        image[:] = world.sky[0].astype(np.float32) * (1 - share) + world.sky[1].astype(np.float32) * share
+        self.flat(world.ground)
+        ground = ground_from_ray(self._view, 0.0 if world.floor_z < 0 else world.floor_z)
+        texture_ground(image, canvas.straight, ground, world.grain, noise, canvas.keep)
+        self.flat(world.foreign, canvas.keep)
+        self._exact(world.lines, canvas.keep)
+        self._textured(world.worn)
+        self._textured(world.ground_words)
+        self.flat(world.shadows)
+        self._textured(world.planes)
+        self.flat(world.behind)
+
+    def net(self, world: World) -> None:
+        """Posts, mesh, tape and what is written on them."""
+        self.flat(world.net)
+        self._exact(world.tape)
+        self._textured(world.net_words)
+
+    def flat(self, group: Polygons, keep: np.ndarray = NOTHING_WORN) -> None:
+        """Polygons in order."""
+        canvas = self._canvas
+        args = (group.corners, group.starts, group.colours, group.alphas, self._seen, self._limits, keep)
+        paint_flat(canvas.image, canvas.cover, *args)
+
+    def _exact(self, group: Polygons, keep: np.ndarray = NOTHING_WORN) -> None:
+        canvas = self._canvas
         if not canvas.fine or len(group.alphas) == 0:
-            return flat(group, keep)
-        args = (group.corners, group.starts, group.colours[0], group.alphas, seen, limits, keep)
-        paint_fine(image, canvas.layer, canvas.fine_cover, *args)
+            return self.flat(group, keep)
+        args = (group.corners, group.starts, group.colours[0], group.alphas, self._seen, self._limits, keep)
+        paint_fine(canvas.image, canvas.layer, canvas.fine_cover, *args)
 
-    def textured(planes: tuple[Plane, ...]) -> None:
+    def _textured(self, planes: tuple[Plane, ...]) -> None:
+        canvas = self._canvas
         for plane in planes:
             paint_texture(
-                image,
-                cover,
+                canvas.image,
+                canvas.cover,
                 plane.corners,
-                seen,
-                limits,
+                self._seen,
+                self._limits,
                 canvas.straight,
-                texture_from_ray(plane, view),
+                texture_from_ray(plane, self._view),
                 plane.texture,
                 plane.base,
                 plane.gain,
@@ -81,31 +121,11 @@ def draw_picture(canvas: Canvas, world: World, view: View, noise: np.ndarray) ->
                 plane.by_mask,
             )
 
-    share = np.linspace(0.0, 1.0, canvas.height, dtype=np.float32)[:, None, None]
-    image[:] = world.sky[0].astype(np.float32) * (1 - share) + world.sky[1].astype(np.float32) * share
-    flat(world.ground)
-    ground = ground_from_ray(view, 0.0 if world.floor_z < 0 else world.floor_z)
-    texture_ground(image, canvas.straight, ground, world.grain, noise, canvas.keep)
-    flat(world.foreign, canvas.keep)
-    exact(world.lines, canvas.keep)
-    textured(world.worn)
-    textured(world.ground_words)
-    flat(world.shadows)
-    textured(world.planes)
-    flat(world.behind)
-    flat(world.net)
-    exact(world.tape)
-    textured(world.net_words)
-    flat(world.front)
-    return image
-
 
 def draw_over(canvas: Canvas, picture: np.ndarray, group: Polygons, view: View) -> np.ndarray:
     """The picture with these polygons painted over it; the canvas's own buffer."""
     canvas.image[:] = picture
-    seen, limits = canvas.aim(view)
-    none = np.zeros((0, 0), np.float32)
-    paint_flat(canvas.image, canvas.cover, group.corners, group.starts, group.colours, group.alphas, seen, limits, none)
+    Brush(canvas, view).flat(group)
     return canvas.image
 
 

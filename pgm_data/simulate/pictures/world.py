@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -23,6 +24,7 @@ from pgm_data.simulate.pictures.shapes import (
 from pgm_data.simulate.pictures.surroundings import draw_venue, lettering
 from pgm_data.simulate.pictures.textures import Textures
 
+Surface = Literal["firm", "clay", "grass"]
 FIRM_SURFACES = (  # (court, run-off) BGR
     ((150, 95, 62), (92, 135, 88)),
     ((140, 85, 60), (165, 155, 75)),
@@ -74,6 +76,12 @@ class World:
     net_words: tuple[Plane, ...]
     front: Polygons
     """What stands before the net."""
+    thrown: tuple[tuple[Float[np.ndarray, " 2"], float], ...]
+    """Every light's shadow: ground vector per metre of height, and strength."""
+    walls: tuple[float, float]
+    """Half width and half length between the hoardings, metres."""
+    seat: Float[np.ndarray, " 3"] | None
+    """Of the umpire's high chair, world metres; None without one."""
 
 
 def area_of(scene: Scene) -> tuple[float, float, float]:
@@ -101,10 +109,12 @@ def draw_world(
     *,
     hard: bool,
     players: bool = True,
+    people: bool = True,
+    surface: Surface | None = None,
 ) -> World:
     """A world seen from this centre; `hard` ones may be worn, crowded and crossed by other sports' lines.
 
-    Without `players` nobody stands where players would.
+    Without `players` nobody stands where players would, without `people` nobody at all; a surface by lot unless given.
 
     Raises:
         ValueError: If the scene has no court.
@@ -112,7 +122,7 @@ def draw_world(
     half_x, half_y, floor_z = area_of(scene)
     court = scene.court
     assert court is not None
-    kind = rng.choice(["firm", "clay", "grass"], p=[0.62, 0.22, 0.16])
+    kind = str(rng.choice(["firm", "clay", "grass"], p=[0.62, 0.22, 0.16])) if surface is None else surface
     inner, outer = surface_colours(rng, kind, hard)
     venue = draw_venue(rng, half_x, half_y, floor_z, textures, centre_world, hard=hard)
     thrown = _thrown(rng)
@@ -120,8 +130,8 @@ def draw_world(
     net, tape = net_polygons(court, net_look(rng), floor_z)
     foreign = foreign_lines(rng, others, rng.uniform(0.5, 1.0)) if hard and others and rng.random() < 0.1 else []
     walls = (venue.wall_x, venue.wall_y)
-    behind, front, feet = draw_bystanders(
-        rng, (half_x, half_y, floor_z), cast, clothes, centre_world, walls, hard=hard, players=players
+    behind, front, feet, seat = draw_bystanders(
+        rng, (half_x, half_y, floor_z), cast, clothes, centre_world, walls, hard=hard, players=players, people=people
     )
     return World(
         floor_z=floor_z,
@@ -139,6 +149,9 @@ def draw_world(
         tape=tape,
         net_words=_net_words(rng, court, textures),
         front=front,
+        thrown=tuple(thrown),
+        walls=walls,
+        seat=seat,
     )
 
 

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from pgm_data.scene import Scene, load_scene
-from pgm_data.simulate.clip import ClipOptions, simulate_clip
+from pgm_data.simulate.clip import simulate_clip
+from pgm_data.simulate.clip_options import ClipOptions
 from pgm_data.simulate.pictures.painter import paint_fine, paint_flat
 from pgm_data.simulate.pictures.picture import Canvas
 from pgm_data.simulate.pictures.shapes import in_pieces, line_rectangles, polygons

@@ -1,0 +1,77 @@
+"""Statistics of a dataset's columns, gathered clip by clip."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from pgm_data.dataset.columns import Column
+from pgm_data.dataset.laws import per_row
+from pgm_data.dataset.tables import Values
+
+NUMBERS = ("int32", "int64", "float", "double")
+
+
+class RunningStats:
+    """Least, largest, mean and standard deviation of every component of every numeric column, NaN left out."""
+
+    def __init__(self, columns: Sequence[Column]) -> None:
+        self._columns = tuple(column for column in columns if column.type in NUMBERS)
+        self._of = {column.name: _Components(max(column.size, 1)) for column in self._columns}
+
+    def update(self, rows: Mapping[str, Values]) -> None:
+        """Take in rows of the dataset."""
+        for column in self._columns:
+            values = np.asarray(rows[column.name])
+            if column.type == "float":
+                values = values.astype(np.float32)  # as stored
+            self._of[column.name].update(per_row(values).astype(np.float64))
+
+    def document(self) -> dict[str, dict[str, list[float] | list[int]]]:
+        """By column: min, max, mean, std per component, and count, the rows that have a value.
+
+        Columns with a component that never has a value are left out, since there is no number to say of it.
+        """
+        return {name: part.document() for name, part in self._of.items() if part.complete}
+
+
+class _Components:
+    """The statistics of one column."""
+
+    def __init__(self, size: int) -> None:
+        self.rows = 0
+        self.count = np.zeros(size)
+        self.mean = np.zeros(size)
+        self.squares = np.zeros(size)
+        self.least = np.full(size, np.inf)
+        self.largest = np.full(size, -np.inf)
+
+    @property
+    def complete(self) -> bool:
+        return bool((self.count > 0).all())
+
+    def update(self, values: Float[np.ndarray, "rows size"]) -> None:
+        """Merge rows into the sums (Chan, Golub, LeVeque: Updating formulae for sample variances)."""
+        there = np.isfinite(values)
+        count = there.sum(axis=0)
+        self.rows += int(np.any(there, axis=1).sum())
+        known = np.where(there, values, 0.0)
+        mean = known.sum(axis=0) / np.maximum(count, 1)
+        squares = np.where(there, values - mean, 0.0)
+        total = self.count + count
+        share = count / np.maximum(total, 1)
+        apart = mean - self.mean
+        self.squares += (squares**2).sum(axis=0) + apart**2 * self.count * share
+        self.mean += apart * share
+        self.count = total
+        self.least = np.minimum(self.least, np.where(there, values, np.inf).min(axis=0, initial=np.inf))
+        self.largest = np.maximum(self.largest, np.where(there, values, -np.inf).max(axis=0, initial=-np.inf))
+
+    def document(self) -> dict[str, list[float] | list[int]]:
+        return {
+            "min": self.least.tolist(),
+            "max": self.largest.tolist(),
+            "mean": self.mean.tolist(),
+            "std": np.sqrt(self.squares / self.count).tolist(),
+            "count": [self.rows],
+        }

@@ -1,0 +1,102 @@
+"""What the table of players holds to: a skeleton that moves as its rotations say, feet, boxes, and a person's speed."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from pgm_data.dataset.documents import Fault
+from pgm_data.dataset.laws import (
+    Columns,
+    Context,
+    covariance_faults,
+    missing_faults,
+    rows_fault,
+    share_faults,
+    speed_faults,
+)
+from pgm_data.geometry.rigid import rotation_from_rotvec
+from pgm_data.scene import SceneObject
+
+SAME_M = 1e-3
+"""Metres by which two columns may differ that say the same; float32 at 20 m keeps 2e-6."""
+SAME_RAD = 1e-3
+ROWS_AT_ONCE = 4096
+
+
+def players_faults(columns: Columns, context: Context) -> Iterator[Fault]:
+    """Laws of the players table beyond its keys."""
+    for player in context.scene.players if context.scene is not None else ():
+        prefix = f"{player.name}."
+        own = {name: values for name, values in columns.items() if name.startswith(prefix)}
+        if f"{prefix}status" in own:
+            # Who plays and how the person is built are known even where the person is not seen.
+            kept = {f"{prefix}{name}" for name in ("identity", "status", "betas")}
+            names = [name for name in own if name not in kept]
+            yield from missing_faults(own, names, own[f"{prefix}status"], f"{prefix}status")
+        if f"{prefix}box_px" in own:
+            box = own[f"{prefix}box_px"]
+            inside_out = (box[:, 2] <= box[:, 0]) | (box[:, 3] <= box[:, 1])
+            yield from rows_fault(f"{prefix}box_px", inside_out, "x0 < x1 and y0 < y1", box)
+        yield from share_faults(own, (f"{prefix}contact",))
+        yield from covariance_faults(own, f"{prefix}root_cov")
+        if f"{prefix}reprojection_px" in own:
+            values = own[f"{prefix}reprojection_px"]
+            yield from rows_fault(f"{prefix}reprojection_px", values < 0, "at least 0", values)
+        yield from _root_faults(own, prefix)
+        yield from _skeleton_faults(own, player)
+        if "timestamp" in columns and f"{prefix}root_position" in own:
+            yield from speed_faults(f"{prefix}root_position", own[f"{prefix}root_position"], columns["timestamp"])
+
+
+def _root_faults(own: Columns, prefix: str) -> Iterator[Fault]:
+    """Entries 0 that do not repeat the root."""
+    for name, root, allowed in (
+        ("joints", "root_position", SAME_M),
+        ("joint_translations", "root_position", SAME_M),
+        ("joint_rotations", "root_rotation", SAME_RAD),
+    ):
+        if f"{prefix}{name}" in own and f"{prefix}{root}" in own:
+            first, value = own[f"{prefix}{name}"][:, :3], own[f"{prefix}{root}"]
+            apart = np.abs(first - value).max(axis=1, initial=0.0) > allowed
+            yield from rows_fault(f"{prefix}{name}", apart, f"entry 0 to repeat {prefix}{root}", first)
+
+
+def _skeleton_faults(own: Columns, player: SceneObject) -> Iterator[Fault]:
+    """Joints that are not where the row's own rotations and translations lead."""
+    names = [f"{player.name}.{name}" for name in ("joints", "joint_rotations", "joint_translations")]
+    if player.skeleton is None or not all(name in own for name in names):
+        return
+    joints, rotations, translations = (own[name].reshape(len(own[name]), -1, 3) for name in names)
+    apart = np.zeros(len(joints))
+    for start in range(0, len(joints), ROWS_AT_ONCE):
+        rows = slice(start, start + ROWS_AT_ONCE)
+        led = world_joints(player.skeleton.parents, rotations[rows].astype(float), translations[rows].astype(float))
+        apart[rows] = np.linalg.norm(led - joints[rows], axis=-1).max(axis=1)
+
+    def shown(row: int) -> str:
+        return f"{apart[row]:.3g} m away"
+
+    expected = f"joints within {SAME_M:g} m of where the rotations and translations lead"
+    yield from rows_fault(names[0], apart > SAME_M, expected, shown)
+
+
+def world_joints(
+    parents: Int[np.ndarray, " joints"],
+    rotations: Float[np.ndarray, "frames joints 3"],
+    translations: Float[np.ndarray, "frames joints 3"],
+) -> Float[np.ndarray, "frames joints 3"]:
+    """World positions of joints, by forward kinematics; NaN of NaN.
+
+    Args:
+        parents: Index of each joint's parent, -1 of the root, parents before children.
+        rotations: Axis-angle of parent_from_joint, radians; entry 0 is the root in the world.
+        translations: Of parent_from_joint, metres; entry 0 is the root in the world.
+    """
+    R = rotation_from_rotvec(rotations)
+    joints = translations.copy()
+    for joint, parent in enumerate(parents):
+        if parent >= 0:
+            joints[:, joint] = joints[:, parent] + (R[:, parent] @ translations[:, joint, :, None])[..., 0]
+            R[:, joint] = R[:, parent] @ R[:, joint]
+    return joints
