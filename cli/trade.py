@@ -59,11 +59,77 @@ class CalibrateTrade:
 def main(argv: list[str]) -> int:
     """Run the command; its exit code."""
     return tyro.extras.subcommand_cli_from_dict(
-        {"calibrate": _calibrate},
+        {"calibrate": _calibrate, "simulate": _simulate},
         args=argv,
         prog="pgm trade",
         description="Accuracy against time of every preset of a stage, on data with truth.",
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulateTrade:
+    """What simulated scenes are like: physics, captions, time and memory, and shots against real ones.
+
+    Writes trade.md, trade.json, a contact sheet per scene, and shots.svg where real data are given.
+    """
+
+    out: Path
+    """Folder to write into, new or empty."""
+    plays: int = 1000
+    """Tennis plays for physics and shots."""
+    bodies: int = 200
+    """Of them, those in which bodies are posed and measured."""
+    minutes: float = 60.0
+    """Length of the match without pictures that is timed."""
+    seconds: float = 20.0
+    """Length of each video that is timed."""
+    real: Path | None = None
+    """Folder of real data with `ball/` in it: shots to compare with, never learned from."""
+    seed: int = 0
+    """What is drawn depends on this and the options alone."""
+    overwrite: bool = False
+    """Delete what an earlier run wrote into this folder, and begin again."""
+
+
+def _simulate(options: Annotated[SimulateTrade, tyro.conf.arg(name="")]) -> int:
+    """What simulated scenes are like: physics, captions, time and memory, and shots against real ones."""
+    for name, value, low, high in (
+        ("--plays", options.plays, 1, 1_000_000),
+        ("--bodies", options.bodies, 0, options.plays),
+        ("--minutes", options.minutes, 0.01, 600.0),
+        ("--seconds", options.seconds, 0.1, 3600.0),
+        ("--seed", options.seed, 0, 2**31),
+    ):
+        if not low <= value <= high:
+            raise option_error(name, expected=f"{low} to {high}", got=value)
+    if options.real is not None and not (options.real / "ball").is_dir():
+        raise option_error("--real", expected="a folder with ball/ in it", got=options.real)
+    from datetime import UTC, datetime
+
+    from pgm_data.dataset.documents import write_document
+    from pgm_data.provenance import run_document
+    from pgm_data.stages.trade_simulate import SimulateTradeOptions, report, run_simulate_trade
+
+    started = datetime.now(UTC)
+    with prepare_output(options.out, resume=False, overwrite=options.overwrite):
+        trade = SimulateTradeOptions(
+            out=options.out,
+            plays=options.plays,
+            bodies=options.bodies,
+            real=options.real,
+            minutes=options.minutes,
+            seconds=options.seconds,
+            seed=options.seed,
+        )
+        try:
+            figures = run_simulate_trade(trade, said=lambda part: print(part, flush=True))
+        except ValueError as error:
+            print_error(str(error))
+            return NOTHING_USABLE
+        document = run_document(command="pgm trade simulate", options=options, started=started, inputs=[])
+        write_document(options.out / "run.json", "run", document)
+    print(report(figures))
+    return 0
 
 
 def _calibrate(options: Annotated[CalibrateTrade, tyro.conf.arg(name="")]) -> int:

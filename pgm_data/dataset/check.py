@@ -69,18 +69,29 @@ def examine(paths: Sequence[Path], *, kind: str = "", scene: Scene | None = None
             raise ValueError(f"{path}: expected a file or a folder, got nothing there")
     findings = Findings(scene=scene, kind=kind)
     for path in paths:
-        if not path.is_dir():
-            _check_file(path, findings)
-        elif (path / "clip.json").exists():
-            _check_clip(path, findings)
-        elif is_dataset(path):
-            for folder in (path, *sorted(p for p in path.rglob("*") if p.is_dir())):
-                if STATE_FOLDER not in folder.parts:
-                    _leftovers(folder, findings)
-            check_dataset(path, findings)
+        if path.is_dir():
+            _check_folder(path, findings)
         else:
-            _check_work(path, findings)
+            _check_file(path, findings)
     return Checked(files=tuple(findings.files), violations=tuple(findings.violations))
+
+
+def _check_folder(path: Path, findings: Findings) -> None:
+    """A clip's folder, a dataset, a work folder, or what a simulator wrote: `work` and `dataset` in one folder."""
+    own = ("run.json", "shots.parquet")
+    inner = [path / name for name in ("work", "dataset") if (path / name).is_dir()]
+    if (path / "clip.json").exists():
+        _check_clip(path, findings)
+    elif is_dataset(path):
+        for folder in (path, *sorted(p for p in path.rglob("*") if p.is_dir())):
+            if STATE_FOLDER not in folder.relative_to(path).parts:
+                _leftovers(folder, findings)
+        check_dataset(path, findings)
+    elif inner and not any((path / name).exists() for name in own):
+        for folder in inner:
+            _check_folder(folder, findings)
+    else:
+        _check_work(path, findings)
 
 
 def _check_file(path: Path, findings: Findings) -> None:

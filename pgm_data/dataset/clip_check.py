@@ -12,6 +12,7 @@ from pgm_data.dataset.clip_laws import (
     event_frame_faults,
     flight_event_faults,
     misaligned_faults,
+    player_speed_faults,
     unsolved_faults,
 )
 from pgm_data.dataset.columns import TABLES
@@ -85,6 +86,8 @@ def _check_agreement(folder: Path, clip: CheckedClip, findings: Findings) -> Non
         findings.add(folder / "clip.json", unsolved_faults(document["solved_share"], tables["camera"]["camera.status"]))
     if "events" in tables and "ball_shots" in tables:
         findings.add(folder / "ball_shots.parquet", flight_event_faults(tables["ball_shots"], tables["events"]))
+    if "players" in tables and clip.keys:
+        findings.add(folder / "players.parquet", player_speed_faults(tables["players"], clip.keys, clip.scene))
     if "events" in tables and clip.keys:
         findings.add(folder / "events.parquet", event_frame_faults(tables["events"], clip.keys))
     if "events" in tables and "ball" in tables:

@@ -5,7 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from pgm_data.dataset.documents import Fault
-from pgm_data.dataset.laws import Columns, as_text, rows_fault
+from pgm_data.dataset.laws import FASTEST_M_S, Columns, as_text, rows_fault
+from pgm_data.scene import Scene
 
 SAME_S = 1e-6
 """Seconds by which a flight's start and the event that starts it may differ."""
@@ -80,3 +81,24 @@ def ball_event_faults(ball: Columns, events: Columns) -> Iterator[Fault]:
     if (ball["ball.status"] != "none").any():
         silent = np.array([word == "none" and i in kinds for i, word in enumerate(shown)], dtype=bool)
         yield from rows_fault("ball.event", silent, "the kind of the event of that frame in events.parquet", shown)
+
+
+def player_speed_faults(players: Columns, camera: Columns, scene: Scene | None) -> Iterator[Fault]:
+    """Roots that are reached faster than anything of a scene moves; gaps and repeated pictures are no fault."""
+    for player in scene.players if scene is not None else ():
+        name = f"{player.name}.root_position"
+        if name in players and "frame.capture_time" in camera:
+            yield from speed_faults(name, players[name], camera["frame.capture_time"])
+
+
+def speed_faults(field: str, position: np.ndarray, time: np.ndarray) -> Iterator[Fault]:
+    """Positions that are reached faster than anything of a scene moves; gaps and equal times are no fault."""
+    if len(position) != len(time) or len(position) < 2:
+        return
+    step = np.diff(time)
+    way = np.linalg.norm(np.diff(position.astype(np.float64), axis=0), axis=1)
+    speed = way / np.where(step > 0, step, np.nan)
+    fast = np.concatenate([[False], speed > FASTEST_M_S])
+    yield from rows_fault(
+        field, fast, f"at most {FASTEST_M_S:g} m/s since the row before", lambda row: f"{speed[row - 1]:.4g} m/s"
+    )

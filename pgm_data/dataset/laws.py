@@ -170,18 +170,6 @@ def covariance_faults(columns: Columns, name: str) -> Iterator[Fault]:
     yield from rows_fault(name, smallest < -rounding, "a positive semidefinite matrix", values)
 
 
-def speed_faults(field: str, position: np.ndarray, time: np.ndarray) -> Iterator[Fault]:
-    """Positions that are reached faster than anything of a scene moves; gaps are no fault."""
-    if len(position) < 2:
-        return
-    with np.errstate(divide="ignore", invalid="ignore"):
-        speed = np.linalg.norm(np.diff(position.astype(np.float64), axis=0), axis=1) / np.diff(time)
-    fast = np.concatenate([[False], speed > FASTEST_M_S])
-    yield from rows_fault(
-        field, fast, f"at most {FASTEST_M_S:g} m/s since the row before", lambda row: f"{speed[row - 1]:.4g} m/s"
-    )
-
-
 def missing_faults(columns: Columns, names: Sequence[str], status: np.ndarray, status_name: str) -> Iterator[Fault]:
     """Values where the status says that there are none."""
     for name in names:

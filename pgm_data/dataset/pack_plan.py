@@ -1,6 +1,7 @@
 """What a dataset is to hold: which clips of which work folders, and the split of every match."""
 
 import hashlib
+import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -44,8 +45,8 @@ class PackOptions:
             raise ValueError(
                 f"val_share + test_share: expected below 1, got {self.val_share} + {self.test_share}: none for training"
             )
-        if self.file_mb < 1:
-            raise ValueError(f"file_mb: expected at least 1, got {self.file_mb}")
+        if not 1 <= self.file_mb <= 1000:
+            raise ValueError(f"file_mb: expected 1 to 1000, got {self.file_mb}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,7 +102,9 @@ def plan_pack(works: Sequence[Path], options: PackOptions, *, scene: Scene | Non
     folders = {folder.resolve(): folder for work in works for folder in clip_folders(work)}
     for folder in folders.values():
         try:
-            documents[folder] = read_document(folder / "clip.json", "clip")
+            document = read_document(folder / "clip.json", "clip")
+            json.dumps(document, ensure_ascii=False).encode()  # JSON can spell half a character; no table holds one
+            documents[folder] = document
         except ValueError as error:
             problems.append(PackProblem(path=folder, reason=str(error).removeprefix(f"{folder}/")))
     if not documents and not problems:

@@ -13,7 +13,6 @@ from pgm_data.dataset.laws import (
     missing_faults,
     rows_fault,
     share_faults,
-    speed_faults,
 )
 from pgm_data.geometry.rigid import rotation_from_rotvec
 from pgm_data.scene import SceneObject
@@ -45,8 +44,6 @@ def players_faults(columns: Columns, context: Context) -> Iterator[Fault]:
             yield from rows_fault(f"{prefix}reprojection_px", values < 0, "at least 0", values)
         yield from _root_faults(own, prefix)
         yield from _skeleton_faults(own, player)
-        if "timestamp" in columns and f"{prefix}root_position" in own:
-            yield from speed_faults(f"{prefix}root_position", own[f"{prefix}root_position"], columns["timestamp"])
 
 
 def _root_faults(own: Columns, prefix: str) -> Iterator[Fault]:

@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 
 from pgm_data.dataset.camera_laws import camera_faults
-from pgm_data.dataset.clip_laws import ball_event_faults, event_frame_faults, flight_event_faults
+from pgm_data.dataset.clip_laws import ball_event_faults, event_frame_faults, flight_event_faults, player_speed_faults
 from pgm_data.dataset.columns import Column
 from pgm_data.dataset.dataset_columns import DATA_PATH, caption_name, data_columns, row_columns, row_tables
 from pgm_data.dataset.documents import Fault
@@ -191,6 +191,7 @@ def _data_faults(
     yield from key_faults(on_source, context)
     yield from camera_faults(on_source, context)
     yield from players_faults(on_source, context)
+    yield from player_speed_faults(on_source, on_source, context.scene)
     yield from ball_faults(on_source, context)
 
 

@@ -93,11 +93,14 @@ def later(states: ShotStates, seconds: float) -> ShotStates:
 
 
 def until(states: ShotStates, end_s: float) -> ShotStates:
-    """The states without what happens after a moment: events, flights that would end there, spans of captions."""
+    """The states without what happens after a moment: events, flights and captions that end later.
+
+    A caption may tell of the last thing in its span, so one that is cut off is left out whole.
+    """
     kept = sum(e.time <= end_s for e in states.events)
     return replace(
         states,
         events=states.events[:kept],
         flights=tuple(f for f in states.flights if f.end_event < kept),
-        captions=tuple(replace(c, end_s=min(c.end_s, end_s)) for c in states.captions if c.start_s < end_s),
+        captions=tuple(c for c in states.captions if c.end_s <= end_s),
     )

@@ -9,7 +9,7 @@ from pgm_data.scene import Scene
 from pgm_data.simulate.body.figure import smpl24, world_from_joints
 from pgm_data.simulate.body.laws import foot_slides, ground_penetration, joint_violations
 from pgm_data.simulate.body.racket import ball_at_contact
-from pgm_data.simulate.flight.contact import SURFACES
+from pgm_data.simulate.flight.contact import SURFACES, SurfaceName
 from pgm_data.simulate.flight.course import FlightWorld, follow
 from pgm_data.simulate.flight.laws import energy_gains, speed_losses
 from pgm_data.simulate.tennis.match import Match, draw_match, plays
@@ -123,7 +123,7 @@ def _racket_errors(play: Play, player: int) -> list[float]:
     return errors
 
 
-def drop_ratio(scene: Scene, seed: int, surface: str) -> float:
+def drop_ratio(scene: Scene, seed: int, surface: SurfaceName) -> float:
     """Height of the first rebound over that of the drop, both of the ball's underside, after 2.54 m."""
     match = draw_match(np.random.default_rng(seed), scene, name="drop", surface=surface)
     build, still = match.world.build, np.zeros(3)

@@ -242,6 +242,15 @@ def test_a_bad_clip_is_named_and_left_out_and_the_others_stay_as_they_are(work: 
     assert len(said) == 5 and sum(problem is not None for _, problem in said) == 3
 
 
+def test_a_text_that_no_table_can_hold_leaves_its_clip_out(work: Path, tmp_path: Path) -> None:
+    copy = spoilt(work, tmp_path)
+    path = copy / "b" / "clip.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"match_id": "half \ud800"}))
+    outcome = pack_work_folders([copy], tmp_path / "out")
+    assert [problem.path.name for problem in outcome.problems] == ["b"]
+    assert sum(outcome.clips.values()) == len(LENGTHS) - 1
+
+
 def test_nothing_is_written_when_no_clip_can_be_packed(work: Path, tmp_path: Path) -> None:
     copy = spoilt(work, tmp_path)
     for path in copy.rglob("camera.parquet"):

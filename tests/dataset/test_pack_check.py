@@ -163,3 +163,10 @@ def test_an_unfinished_file_is_found_anywhere(sound: Path, tmp_path: Path) -> No
     shutil.copytree(sound, copy)
     (copy / "data" / "chunk-000" / ".file-000.parquet.17.tmp").write_bytes(b"")
     assert [v.expected for v in check_paths([copy])] == ["no unfinished file"]
+
+
+def test_a_folder_of_a_work_folder_and_a_dataset_is_checked_as_both(sound: Path) -> None:
+    found = check_paths([sound.parent])
+    assert {v.path.relative_to(sound.parent).as_posix() for v in found} == {"work/run.json", "work/shots.parquet"}
+    (sound.parent / "elsewhere").mkdir()
+    assert {v.path.name for v in check_paths([sound.parent / "elsewhere"])} == {"run.json", "shots.parquet"}

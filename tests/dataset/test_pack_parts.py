@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import re
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from hypothesis import strategies as st
 
 from pgm_data.dataset.check import check_paths
 from pgm_data.dataset.columns import Column
-from pgm_data.dataset.dataset_columns import FILES_PER_CHUNK, VIDEO_KEY
+from pgm_data.dataset.dataset_columns import DATA, FILES_PER_CHUNK, VIDEO_KEY, data_columns
 from pgm_data.dataset.pack import pack_work_folders
 from pgm_data.dataset.pack_plan import PackOptions, splits_of_matches
 from pgm_data.dataset.pack_rate import RateCount, common_rate
@@ -139,6 +140,21 @@ def test_rows_come_back_in_order_from_files_of_one_split_each(
 def test_files_are_counted_on_into_the_next_chunk() -> None:
     assert Shard(number=0, split="train").name == "chunk-000/file-000"
     assert Shard(number=FILES_PER_CHUNK + 2, split="train").name == "chunk-001/file-002"
+
+
+@pytest.mark.parametrize("scene", ["tennis", "blocks", "badminton"])
+def test_the_described_columns_are_those_of_every_scene(scene: str) -> None:
+    loaded = load_scene(scene)
+    described = {column.name: column for column in DATA.columns}
+    optional = [f"{player.name}.betas" for player in loaded.players]
+    used = set()
+    for column in data_columns(loaded, optional=optional):
+        name = re.sub(r"^player\d\.", "player.", column.name)
+        assert (described[name].type, described[name].meaning) == (column.type, column.meaning)
+        used.add(name)
+    assert {name for name in described if name not in used} == (
+        set() if loaded.ball else {name for name in described if name.startswith("ball.")}
+    )
 
 
 @pytest.fixture(scope="module")

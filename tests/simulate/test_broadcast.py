@@ -62,7 +62,8 @@ def test_what_happens_after_the_last_frame_is_not_told() -> None:
     cut = until(_states(), 1.1)
     assert [e.kind for e in cut.events] == ["first", "bounce"]
     assert [(f.start_event, f.end_event) for f in cut.flights] == [(0, 1)]
-    assert [(c.start_s, c.end_s) for c in cut.captions] == [(0.0, 1.1)]
+    assert cut.captions == ()
+    assert [c.end_s for c in until(_states(), 1.3).captions] == [1.2]
 
 
 def test_a_later_clock_moves_events_and_captions_alike() -> None:

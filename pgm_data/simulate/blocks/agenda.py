@@ -35,6 +35,8 @@ EDGE_SPEED = 2.4
 """Off a ladder's top and backwards onto it, m/s."""
 UNHELD_M = 0.25
 """From the middle of the ladder's column to where the body's box comes over the wall."""
+TOUCH_S = 0.06
+"""Least time on the ground between two jumps."""
 SHARP = np.radians(50)
 """A larger change of direction is made standing."""
 
@@ -85,7 +87,9 @@ class _Pen:
             self.hold(0.1 + abs(turn) / 8.0, turn)
 
     def fly(self, kind: StretchKind, arc: Arc, end_height: float, lands_on: int) -> None:
-        """Jump or fall along an arc."""
+        """Jump or fall along an arc, after a moment on the ground."""
+        if self.stretches[-1].arc is not None:
+            self.hold(TOUCH_S)
         times = np.linspace(0, arc.duration, 25)
         points = arc.at(times)
         points[-1, 2] = end_height

@@ -74,7 +74,8 @@ def compass(direction: Float[np.ndarray, " 2"]) -> str:
 def draw_captions(rng: np.random.Generator, course: Course, world: BlockWorld, seconds: float) -> tuple[Caption, ...]:
     """Captions that cover a course from 0 to its end without gaps; true whatever the frame rate."""
     captions = []
-    cuts = _cuts(rng, course, seconds)
+    # The words have their own chance, so that a shorter shot begins with the same ones.
+    cuts = _cuts(np.random.default_rng(rng.integers(2**63)), course, seconds)
     for start, end in zip(cuts, cuts[1:], strict=False):
         facts = facts_of(course, world, start, end)
         captions.append(Caption(player=0, start_s=start, end_s=end, texts=sentences(rng, facts, world)))

@@ -117,7 +117,7 @@ SAMPLES = 33
 
 def _all_fit(world: BlockWorld, moves: list[Move]) -> np.ndarray:
     """Whether the body touches nothing at any of some places along each move."""
-    return body_fits(world, np.stack([_places(m) for m in moves])).all(axis=1)
+    return np.asarray(body_fits(world, np.stack([_places(m) for m in moves])).all(axis=1))
 
 
 def _places(move: Move) -> np.ndarray:

@@ -20,7 +20,7 @@ class Orbit:
     rate: float
     """Mean, rad/s; positive anticlockwise from above."""
     sway: Float[np.ndarray, "3 4"]
-    """Amplitude, rad/s and phase of slow waves of bearing (rad), distance (m), height (m): amplitude, rate, phase, 0."""
+    """Slow waves of bearing (rad), distance (m), height (m): amplitude, rate (rad/s), phase, 0."""
     distance_m: float
     """Level distance from the middle."""
     height_m: float

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -14,7 +14,7 @@ from pgm_data.simulate.blocks.building import build_world
 from pgm_data.simulate.blocks.captions import draw_captions
 from pgm_data.simulate.blocks.course import Course
 from pgm_data.simulate.blocks.figure import Posture, gait_of, hull_points, posture_at
-from pgm_data.simulate.blocks.navigation import Ways, ways_of
+from pgm_data.simulate.blocks.navigation import Ways, spots_on, ways_of
 from pgm_data.simulate.blocks.orbit import draw_orbit, orbit_track
 from pgm_data.simulate.blocks.studio import Studio
 from pgm_data.simulate.blocks.world import BlockWorld
@@ -55,30 +55,20 @@ class BlocksShot:
         return self.studio.picture(self.track, self.posture, frame, self.size)
 
     def masks(self, frame: int) -> tuple[UInt8[np.ndarray, "height width"], Float32[np.ndarray, "height width"]]:
-        """What the centre of each pixel shows (0 sky, 1 player, 2 world), and its depth, metres; infinite in the sky."""
+        """What the centre of each pixel shows (0 sky, 1 player, 2 world), and its depth, m; infinite in the sky."""
         return self.studio.masks(self.track, self.posture, frame, self.size)
 
 
-@dataclass(frozen=True, eq=False)
-class _Match:
-    """What all shots of a match share."""
-
-    seed: int
-
-    @cached_property
-    def place(self) -> tuple[BlockWorld, Ways]:
-        """The world and its ways; drawn anew until enough of it can be reached."""
-        for attempt in range(100):
-            world = build_world(np.random.default_rng([self.seed, 0, attempt]))
-            ways = ways_of(world)
-            reachable = [
-                e
-                for e in world.elements
-                if any((*c, level) in ways.home for c, level in zip(e.columns.tolist(), e.levels.tolist(), strict=True))
-            ]
-            if len(reachable) >= LEAST_TARGETS and len(ways.home) > 150 and world.ladders:
-                return world, ways
-        raise RuntimeError(f"blocks world: expected {LEAST_TARGETS} reachable things in 100 tries, seed {self.seed}")
+@lru_cache(maxsize=4)
+def _place(seed: int) -> tuple[BlockWorld, Ways]:
+    """The world of a match and its ways; drawn anew until enough of it can be reached."""
+    for attempt in range(100):
+        world = build_world(np.random.default_rng([seed, 0, attempt]))
+        ways = ways_of(world)
+        reachable = [e for e in world.elements if spots_on(ways, e)]
+        if len(reachable) >= LEAST_TARGETS and len(ways.home) > 150 and world.ladders:
+            return world, ways
+    raise RuntimeError(f"blocks world: expected {LEAST_TARGETS} reachable things in 100 tries, seed {seed}")
 
 
 def blocks_shots(
@@ -92,8 +82,8 @@ def blocks_shots(
 ) -> Iterator[BlocksShot]:
     """The shots of one match of so many frames; they depend on the arguments alone.
 
-    Nothing is drawn until a picture is asked for. The motion, the captions and the world depend on the seed alone: other
-    frame rates and sizes look at the same match.
+    Nothing is drawn until a picture is asked for. The motion, the captions and the world depend on the seed alone:
+    other frame rates and sizes look at the same match.
 
     Raises:
         ValueError: If the scene has not one player of the skeleton `blocks13`, or a number is out of range.
@@ -109,7 +99,7 @@ def blocks_shots(
 def _shots(
     scene: Scene, seed: int, frames: int, fps: float, size: tuple[int, int], quality: Quality
 ) -> Iterator[BlocksShot]:
-    world, ways = _Match(seed).place
+    world, ways = _place(seed)
     rng = np.random.default_rng([seed, 1])
     orbit = draw_orbit(rng, size)
     studio = Studio(world, int(rng.integers(2**31)), fine=quality == "full")

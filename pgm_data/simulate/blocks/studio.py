@@ -212,7 +212,7 @@ class Studio:
     def masks(
         self, track: CameraTrack, posture: Posture, frame: int, size: tuple[int, int]
     ) -> tuple[UInt8[np.ndarray, "height width"], Float32[np.ndarray, "height width"]]:
-        """What the centre of each pixel shows (0 sky, 1 player, 2 world), and its depth, metres; infinite in the sky."""
+        """What the centre of each pixel shows (0 sky, 1 player, 2 world), and its depth, m; infinite in the sky."""
         nearest, seen, _, _ = self._seen(track, posture, frame, size, 1)
         label = np.where(seen < 0, 0, np.where(seen >= len(self._static), 1, 2)).astype(np.uint8)
         depth = np.full(nearest.shape, np.inf, dtype=np.float32)

@@ -90,7 +90,7 @@ def cell_of(points: Float[np.ndarray, "... 3"]) -> np.ndarray:
 def solid_at(world: BlockWorld, points: Float[np.ndarray, "... 3"]) -> Bool[np.ndarray, "..."]:
     """Whether world points lie inside of something a body cannot pass; nothing is solid outside of the grid."""
     index = cell_of(points)
-    inside = ((index >= 0) & (index < CELLS)).all(axis=-1)
+    inside = np.asarray(((index >= 0) & (index < CELLS)).all(axis=-1))
     i, j, k = np.moveaxis(np.where(inside[..., None], index, 0), -1, 0)
     return inside & SOLID[world.cells[i, j, k]]
 
@@ -107,19 +107,19 @@ def body_fits(world: BlockWorld, feet: Float[np.ndarray, "... 3"]) -> Bool[np.nd
     up = np.array([1e-3, 0.45, 0.9, 1.35, BODY_HEIGHT_M - 1e-3])
     offsets = np.stack(np.meshgrid(flat, flat, up, indexing="ij"), axis=-1).reshape(-1, 3)
     points = feet[..., None, :] + offsets
-    free = ~solid_at(world, points).any(axis=-1)
+    free = np.asarray(~solid_at(world, points).any(axis=-1))
     for low, high in world.posts:
         apart = (feet[..., :2] + reach <= low[:2]) | (feet[..., :2] - reach >= high[:2])
         clear = apart.any(axis=-1) | (feet[..., 2] >= high[2] - 1e-3) | (feet[..., 2] + BODY_HEIGHT_M <= low[2])
         free = free & clear
-    return free
+    return np.asarray(free)
 
 
 def standing_levels(world: BlockWorld) -> Bool[np.ndarray, "16 16 20"]:
     """Where a body can stand: [i, j, level], the column's top at that level whole and 2 m above it free."""
     solid = SOLID[world.cells].reshape(16, 2, 16, 2, CELLS[2])
-    firm = STANDABLE[world.cells].reshape(16, 2, 16, 2, CELLS[2]).all(axis=(1, 3))
-    blocked = solid.any(axis=(1, 3))
+    firm = np.asarray(STANDABLE[world.cells].reshape(16, 2, 16, 2, CELLS[2]).all(axis=(1, 3)))
+    blocked = np.asarray(solid.any(axis=(1, 3)))
     stands = np.zeros((16, 16, 20), dtype=bool)
     for level in range(CELLS[2] - GROUND_CELL):
         k = level + GROUND_CELL

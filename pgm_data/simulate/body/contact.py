@@ -1,11 +1,10 @@
 """Arms and trunk that bring the racket to the ball: the strokes' postures, met exactly at contact and toss."""
 
-from dataclasses import replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from pgm_data.simulate import rotations
 from pgm_data.simulate.body import arms, postures
 from pgm_data.simulate.body.figure import Figure
 from pgm_data.simulate.body.keys import Course, calm_rates
@@ -24,9 +23,26 @@ _TOSS_SPEED = 3.2
 _PALM_OUT = np.array([0.0, -0.05, 0.0])
 _WEIGHTS = np.array([40.0, 1.6, 4.0, 0.0])
 _TOSS_WEIGHTS = np.array([40.0, 0.0, 1.5, 0.0])
+_TWO_HANDED_STEP_S = 0.03
 _LETS_GO_M = 0.02
 _TRUNK_GIVE = np.deg2rad([22.0, 24.0, 20.0])
 """How far the trunk may leave a posture to meet the ball, radians."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Arms:
+    """Postures in time."""
+
+    racket: Course
+    """All channels of `postures.angles`."""
+    other: Course
+    """The channels of the other arm, which count instead."""
+
+    def at(self, times: Float[np.ndarray, " times"]) -> Float[np.ndarray, "times channels"]:
+        """All channels at any times."""
+        values = self.racket.at(times)
+        values[:, postures.OTHER] = self.other.at(times)
+        return values
 
 
 def solved_course(
@@ -34,7 +50,7 @@ def solved_course(
     schedule: Schedule,
     root_position: Float[np.ndarray, "moments 3"],
     root_rotation: Float[np.ndarray, "moments 3 3"],
-) -> Course | None:
+) -> "Arms | None":
     """The course of all postures through the contacts, a right-hander's; None without strokes.
 
     Args:
@@ -60,17 +76,50 @@ def solved_course(
     rates = calm_rates(times, rows)
     for swing, (aim, velocity) in zip(schedule.swings, contacts, strict=True):
         k = int(np.searchsorted(times, swing.stroke.time - 1e-9))
-        moving = _struck(swing.stroke.hands, rows[k, postures.RACKET], rates[k, postures.RACKET], bones, aim, velocity)
-        rates[k, postures.RACKET] = moving
-        if rows[k, postures.HOLD.start] == 1.0:
-            held = rows[k, postures.HOLD.start + 1] * arms.SHAFT
-            moves = arms.point_rates(rows[k, postures.RACKET], bones, held) @ moving
-            _move_arm(rows[k], rates[k], other_bones, np.zeros(3), moves * _MIRROR)
+        row = rows[k, postures.RACKET]
+        rates[k, postures.RACKET] = _struck(swing.stroke.hands, row, rates[k, postures.RACKET], bones, aim, velocity)
     for i, swing in enumerate(schedule.swings):
         if swing.toss >= 0:
             k = int(np.searchsorted(times, swing.times[swing.toss] - 1e-9))
             _toss(swing, position[i, 1], to_root[i, 1], own, other_bones, rows, rates, k)
-    return Course(times=times, values=rows, rates=rates)
+    racket = Course(times=times, values=rows, rates=rates)
+    return Arms(racket=racket, other=_along_shaft(schedule, racket, bones, other_bones))
+
+
+def _along_shaft(schedule: Schedule, course: Course, bones, other_bones) -> Course:
+    """The other arm's course, with more steps where both hands hold the racket: there it follows the racket's arm."""
+    times = [course.times]
+    values, rates = [course.values[:, postures.OTHER]], [course.rates[:, postures.OTHER]]
+    for swing in schedule.swings:
+        k = int(np.searchsorted(course.times, swing.stroke.time - 1e-9))
+        if swing.stroke.hands != 2 or course.values[k, postures.HOLD.start] < 1.0:
+            continue
+        begin, end = swing.times[1], swing.times[-2]
+        inner = course.times[(course.times >= begin - 1e-9) & (course.times <= end + 1e-9)]
+        count = int(np.ceil((end - begin) / _TWO_HANDED_STEP_S))
+        between = np.linspace(begin, end, count, endpoint=False)[1:]
+        near = np.abs(between[:, None] - inner).min(axis=1) < 0.2 * _TWO_HANDED_STEP_S
+        extra = np.sort(np.concatenate([inner, between[~near]]))
+        at = course.at(extra)
+        points = postures.shaft_points(
+            arms.within_limits(at[:, postures.RACKET]), at[:, postures.HOLD.start + 1], bones
+        )
+        q = at[:, postures.OTHER].copy()
+        q[:, : arms.TRUNK] = arms.mirrored(at[:, postures.RACKET])[:, : arms.TRUNK]
+        middle = int(np.searchsorted(extra, swing.stroke.time - 1e-9))
+        # Step by step away from the contact, so that the elbow stays on its side.
+        for j in (*range(middle + 1, len(extra)), *range(middle - 1, -1, -1)):
+            q[j, arms.TRUNK :] = q[j - 1 if j > middle else j + 1, arms.TRUNK :]
+            one = slice(j, j + 1)
+            q[one] = arms.follow_points(q[one], *arms.inner_limits(), arms.EASE, other_bones, points[one], np.ones(1))
+        times.append(extra)
+        values.append(q)
+        rates.append(np.gradient(q, extra, axis=0))
+    # Of two steps at one time the later one counts.
+    t, v, r = np.concatenate(times), np.concatenate(values), np.concatenate(rates)
+    order = np.lexsort((np.arange(len(t)), t))
+    keep = order[np.append(np.diff(t[order]) > 1e-9, True)]
+    return Course(times=t[keep], values=v[keep], rates=r[keep])
 
 
 def _grasp(rows, bones, other_bones) -> None:
@@ -79,7 +128,7 @@ def _grasp(rows, bones, other_bones) -> None:
     other[:, : arms.TRUNK] = arms.mirrored(racket)[:, : arms.TRUNK]
     hold, along = rows[:, postures.HOLD].T
     points = postures.shaft_points(arms.within_limits(racket), along, bones)
-    for _ in range(2):
+    for _ in range(4):
         other[:] = arms.follow_points(other, *arms.inner_limits(), arms.EASE, other_bones, points, hold)
     # What it cannot reach it lets go of.
     far = np.linalg.norm(arms.hands(other, other_bones)[1] - points, axis=1) > _LETS_GO_M

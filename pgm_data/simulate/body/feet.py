@@ -76,6 +76,8 @@ class FootPose:
     R_world_from_foot: Float[np.ndarray, "times 3 3"]
     pitch: Float[np.ndarray, " times"]
     """Radians that the heel is up."""
+    away: Float[np.ndarray, " times"]
+    """0 where the foot stands, rising to 1 and falling in a swing, without a jump."""
     toe_bend: Float[np.ndarray, " times"]
     """Share of the pitch that the toes make good by bending."""
 
@@ -128,6 +130,7 @@ def pose(build: Build, foot: int, stances: Stances, ends: StanceEnds, moment: "M
         forward=forward,
         R_world_from_foot=rotations.facing(yaw) @ rotations.about(0, pitch),
         pitch=pitch,
+        away=_smooth(4.0 * np.minimum(u, 1.0 - u)),
         toe_bend=1.0 - 0.7 * np.sin(np.pi * u) ** 2,
     )
 

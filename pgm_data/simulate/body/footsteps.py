@@ -1,8 +1,8 @@
 """Where and when each foot stands, along a planned course of the pelvis.
 
-The march goes through the course once, in steps of 1/100 s, and never sees the times at which a body is asked for. A foot
-lifts when the pelvis has gone half a contact's way past it, and lands where the pelvis will be in the middle of the
-next contact: walking, running, shuffling sideways, backing up, starting and stopping all follow from that.
+The march goes through the course once, in steps of 1/100 s, and never sees the times at which a body is asked for.
+A foot lifts when the pelvis has gone half a contact's way past it, and lands where the pelvis will be in the middle of
+the next contact: walking, running, shuffling sideways, backing up, starting and stopping all follow from that.
 """
 
 from dataclasses import dataclass
@@ -32,6 +32,8 @@ _APART_M = 0.15
 """Feet pass each other no closer."""
 _STANDING_ERROR_M = 0.16
 _TURN_ERROR = 0.61
+_CROSSES_FROM = 2.4
+"""m/s to the side."""
 # Half axes of the ellipse, about the hip, in which a standing ankle can stay: hip before, behind, beside it.
 _STAY_M = (0.52, 0.46, 0.42)
 # And of the one in which it lands.
@@ -75,9 +77,7 @@ class Stances:
 
 def march(course: Course, scale: float) -> tuple[Stances, Stances]:
     """Stances of the left and the right foot of a person `scale` times 1.8 m tall."""
-    counts, numbers = _march(
-        course.xy, course.velocity, course.heading, course.airborne, course.wide, scale, np.float64(TICK_S)
-    )
+    counts, numbers = _march(course.xy, course.velocity, course.heading, course.airborne, course.wide, scale)
     left, right = (
         Stances(
             land=numbers[foot, : counts[foot], 0].copy(),
@@ -123,7 +123,7 @@ def _ramp(value, start, end):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _gait(ahead, left):
+def _tempo(ahead, left):
     """Steps a second, seconds of contact, seconds of swing."""
     speed = np.hypot(ahead, left)
     back = min(ahead, 0.0)
@@ -158,9 +158,10 @@ def _home(foot, x, y, heading, vx, vy, width, scale):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _bulge(foot, ax, ay, bx, by, ox, oy, heading, scale):
-    """How far, and where to, a swing from a to b must leave the straight line to pass a foot at o."""
-    dx, dy = bx - ax, by - ay
+def _bulge(foot, start, end, other, heading, scale):
+    """How far, and where to, a swing must leave the straight line to pass the other foot."""
+    ax, ay, ox, oy = start[0], start[1], other[0], other[1]
+    dx, dy = end[0] - ax, end[1] - ay
     size = np.hypot(dx, dy)
     if size < 0.05:
         return 0.0, 0.0
@@ -213,8 +214,9 @@ def _in_reach(foot, x, y, heading, toe_x, toe_y, yaw, scale):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _time_left(foot, k, xy, heading, place, scale, longest):
+def _time_left(foot, k, ground, place, scale, longest):
     """Ticks until the pelvis strains the leg of a standing foot, at most `longest`."""
+    xy, _, heading = ground
     n = len(xy)
     for j in range(longest):
         i = min(k + j, n - 1)
@@ -224,179 +226,176 @@ def _time_left(foot, k, xy, heading, place, scale, longest):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _march(xy, velocity, heading, airborne, wide, scale, tick):
+def _in_hips(vx, vy, heading):
+    """Components ahead and to the left."""
+    c, s = np.cos(heading), np.sin(heading)
+    return -s * vx + c * vy, -c * vx - s * vy
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _chosen(k, ground, planted, when, place, scale):
+    """The foot that lifts now (-1 for none) and how long it swings, ticks not yet rounded, seconds.
+
+    `when` holds for each foot when it landed, or will.
+    """
+    xy, velocity, heading = ground
     n = len(xy)
-    total = n + int(1.5 / tick)
-    numbers = np.zeros((2, 16 + total // 4, 7))
-    counts = np.zeros(2, dtype=np.int64)
+    t = k * TICK_S
+    i, soon = min(k, n - 1), min(k + 6, n - 1)
+    long = planted[0] and planted[1] and t - max(when[0], when[1]) > 0.25
+    ahead, left = _in_hips(velocity[soon, 0], velocity[soon, 1], heading[i])
+    rate, contact, swing = _tempo(ahead, left)
+    threshold = max(0.5 * np.hypot(ahead, left) * contact, _STANDING_ERROR_M * scale)
+    # From a stand the first foot goes before the pelvis has left.
+    p = min(k + 22, n - 1) if long else i
+    if long:
+        soon = p
+        ahead, left = _in_hips(velocity[soon, 0], velocity[soon, 1], heading[i])
+    vx, vy = velocity[soon, 0], velocity[soon, 1]
+    speed = np.hypot(vx, vy)
+    best, chosen = 0.0, -1
+    for foot in range(2):
+        if not planted[foot]:
+            continue
+        other = 1 - foot
+        hx, hy, hyaw = _home(foot, xy[p, 0], xy[p, 1], heading[p], vx, vy, 0.0, scale)
+        dx, dy = hx - place[foot, 0], hy - place[foot, 1]
+        error = np.hypot(dx, dy)
+        need = error - threshold
+        if speed > 0.35:
+            along = (dx * vx + dy * vy) / speed
+            need = max(along - threshold, np.sqrt(max(error * error - along * along, 0.0)) - 0.24 * scale)
+        if speed < 1.5:
+            need = max(need, 0.3 * (abs(hyaw - place[foot, 2]) - _TURN_ERROR))
+        if planted[other]:
+            rest = max(0.5 * (contact - swing), 0.0) * 0.7 if speed > 0.35 else 0.1
+            allowed = t - when[foot] >= 0.1 and t - when[other] >= rest
+        else:
+            flight = max(0.5 * (swing - contact), 0.0)
+            allowed = t - when[foot] >= 0.08 and when[other] - t <= 1.25 * flight + 1e-9
+        # A leg that is about to be too short leaves at once.
+        if t - when[foot] >= 0.035 and _time_left(foot, k, ground, place[foot], scale, 4) < 4:
+            allowed = True
+            need = max(need, 0.5)
+        if not allowed or need <= 0.0:
+            continue
+        # To the side the leading foot goes first, else the one that has stood for longer.
+        need += 0.04 * (1.0 if foot == 0 else -1.0) * min(max(left, -1.0), 1.0)
+        if when[foot] < when[other] - 1e-9:
+            need += 0.06
+        need = max(need, 1e-6)
+        if need > best + 1e-9:
+            best, chosen = need, foot
+    if chosen < 0:
+        return chosen, 0.0
+    other = 1 - chosen
+    if speed > 0.5:
+        # Even steps: this foot lands one step after the other one.
+        swing = min(max(when[other] + 1.0 / rate - t, 0.85 * swing), 1.15 * swing)
+    if long:
+        swing = min(swing, 0.26)
+    if planted[other]:
+        # The other leg carries until this foot is down.
+        carries = TICK_S * _time_left(other, k, ground, place[other], scale, 60)
+        swing = max(min(swing, carries), 0.16)
+    return chosen, swing
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _target(foot, landing, width, ground, other, scale):
+    """Toe joint and yaw of a foot that lands at a time: at home in the middle of its stance, in reach when it begins.
+
+    `other` is the place of the other foot; NaN where both come down from a leap.
+    """
+    xy, velocity, heading = ground
+    n = len(xy)
+    d = min(int(np.round(landing / TICK_S)), n - 1)
+    ahead, left = _in_hips(velocity[d, 0], velocity[d, 1], heading[d])
+    # Both feet leave a leap's landing as soon as need be.
+    contact = 0.16 if np.isnan(other[0]) else _tempo(ahead, left)[1]
+    m = min(int(np.round((landing + 0.5 * contact) / TICK_S)), n - 1)
+    x, y, yaw = _home(foot, xy[m, 0], xy[m, 1], heading[m], velocity[m, 0], velocity[m, 1], width, scale)
+    # The left foot lands to the left of the right one; only fast side steps cross, in front.
+    c, s = np.cos(heading[m]), np.sin(heading[m])
+    side = 1.0 if foot == 0 else -1.0
+    off_ahead, off_left = _in_hips(x - other[0], y - other[1], heading[m])
+    lacking = _APART_M * scale - side * off_left
+    if lacking > 0.0:
+        if -side * left > _CROSSES_FROM:
+            more = max(0.2 * scale - off_ahead, 0.0)
+            x, y = x - s * more, y + c * more
+        else:
+            lacking = min(lacking, 0.4 * scale)
+            x, y = x - side * c * lacking, y - side * s * lacking
+    # It must be in reach at the landing and for a moment after it.
+    for i in (min(d + 8, n - 1), d):
+        x, y = _in_reach(foot, xy[i, 0], xy[i, 1], heading[i], x, y, yaw, scale)
+    return x, y, yaw
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _march(xy, velocity, heading, airborne, wide, scale):
+    """How many stances each foot has, and their numbers in the order of the fields of `Stances`."""
+    ground = (xy, velocity, heading)
+    n = len(xy)
+    last = n - 1 + int(0.6 / TICK_S)
+    numbers = np.zeros((2, 16 + last // 4, 7))
+    counts = np.ones(2, dtype=np.int64)
     planted = np.ones(2, dtype=np.bool_)
-    since = np.full(2, -1.0)
-    landing = np.zeros(2)
-    place = np.zeros((2, 3))
-    goal = np.zeros((2, 3))
+    when = np.full(2, -1.0)
+    place, goal = np.zeros((2, 3)), np.zeros((2, 3))
     for foot in range(2):
         place[foot] = _home(foot, xy[0, 0], xy[0, 1], heading[0], velocity[0, 0], velocity[0, 1], 0.0, scale)
         numbers[foot, 0, 0] = -np.inf
         numbers[foot, 0, 2:5] = place[foot]
-        counts[foot] = 1
-    leap = 0
-    aloft = -1.0
-    for k in range(total):
-        t = k * tick
+    leap, aloft = 0, -1.0
+    for k in range(last):
+        t = k * TICK_S
         for foot in range(2):
-            if not planted[foot] and t >= landing[foot] - 1e-9:
+            if not planted[foot] and t >= when[foot] - 1e-9:
                 planted[foot] = True
-                since[foot] = landing[foot]
                 place[foot] = goal[foot]
-                numbers[foot, counts[foot], 0] = landing[foot]
+                numbers[foot, counts[foot], 0] = when[foot]
                 numbers[foot, counts[foot], 2:5] = goal[foot]
                 counts[foot] += 1
         if leap < len(airborne) and t >= airborne[leap, 0] - 1e-9:
             aloft = airborne[leap, 1]
-            j = min(int(np.round((aloft + 0.08) / tick)), n - 1)
             for foot in range(2):
                 if planted[foot]:
                     planted[foot] = False
                     numbers[foot, counts[foot] - 1, 1] = t
-                landing[foot] = aloft
-                goal[foot] = _home(
-                    foot, xy[j, 0], xy[j, 1], heading[j], velocity[j, 0], velocity[j, 1], wide[leap], scale
-                )
-                d = min(int(np.round(aloft / tick)), n - 1)
-                goal[foot, 0], goal[foot, 1] = _in_reach(
-                    foot, xy[d, 0], xy[d, 1], heading[d], goal[foot, 0], goal[foot, 1], goal[foot, 2], scale
-                )
+                when[foot] = aloft
+            for foot in range(2):
+                goal[foot] = _target(foot, aloft, wide[leap], ground, np.full(2, np.nan), scale)
             leap += 1
         if t < aloft - 1e-9:
             continue
-        i = min(k, n - 1)
-        ahead_i = min(k + 6, n - 1)
-        vx, vy = velocity[ahead_i, 0], velocity[ahead_i, 1]
-        c, s = np.cos(heading[i]), np.sin(heading[i])
-        go_ahead, go_left = -s * vx + c * vy, -c * vx - s * vy
-        speed = np.hypot(vx, vy)
-        rate, contact, swing = _gait(go_ahead, go_left)
-        threshold = max(0.5 * speed * contact, _STANDING_ERROR_M * scale)
-        both_long = planted[0] and planted[1] and t - max(since[0], since[1]) > 0.25
-        # From a stand the first foot goes before the pelvis has left.
-        p = min(k + 22, n - 1) if both_long else i
-        if both_long:
-            vx, vy = velocity[p, 0], velocity[p, 1]
-            go_ahead, go_left = -s * vx + c * vy, -c * vx - s * vy
-            speed = np.hypot(vx, vy)
-        best, chosen = 0.0, -1
-        for foot in range(2):
-            if not planted[foot]:
-                continue
-            other = 1 - foot
-            hx, hy, hyaw = _home(foot, xy[p, 0], xy[p, 1], heading[p], vx, vy, 0.0, scale)
-            dx, dy = hx - place[foot, 0], hy - place[foot, 1]
-            error = np.hypot(dx, dy)
-            if speed > 0.35:
-                along = (dx * vx + dy * vy) / speed
-                need = max(along - threshold, np.sqrt(max(error * error - along * along, 0.0)) - 0.24 * scale)
-            else:
-                need = error - threshold
-            turn = abs(hyaw - place[foot, 2])
-            if speed < 1.5:
-                need = max(need, 0.3 * (turn - _TURN_ERROR))
-            left_s = tick * _time_left(foot, k, xy, heading, place[foot], scale, 8)
-            if planted[other]:
-                rest = max(0.5 * (contact - swing), 0.0) * 0.7 if speed > 0.35 else 0.1
-                allowed = t - since[foot] >= 0.1 and t - since[other] >= rest
-            else:
-                flight = max(0.5 * (swing - contact), 0.0)
-                allowed = t - since[foot] >= 0.08 and landing[other] - t <= 1.25 * flight + 1e-9
-            if left_s < 0.035 and t - since[foot] >= 0.035:
-                allowed = True
-                need = max(need, 0.5)
-            if not allowed or need <= 0.0:
-                continue
-            side = 1.0 if foot == 0 else -1.0
-            need += 0.04 * side * min(max(go_left, -1.0), 1.0)
-            if since[foot] < since[other] - 1e-9:
-                need += 0.06
-            need = max(need, 1e-6)
-            if need > best + 1e-9:
-                best, chosen = need, foot
-        if chosen < 0 or k >= n - 1 + int(0.6 / tick):
+        foot, swing = _chosen(k, ground, planted, when, place, scale)
+        if foot < 0:
             continue
-        foot = chosen
-        other = 1 - foot
-        down = swing
-        if speed > 0.5:
-            wanted = (since[other] if planted[other] else landing[other]) + 1.0 / rate - t
-            down = min(max(wanted, 0.85 * swing), 1.15 * swing)
-        if both_long:
-            down = min(down, 0.26)
-        # The other leg carries until this foot is down.
-        if planted[other]:
-            carries = tick * _time_left(other, k, xy, heading, place[other], scale, 60)
-            down = max(min(down, carries), 0.16)
         width = 0.0
         fixed = False
-        if leap < len(airborne) and t + down > airborne[leap, 0] - 0.08:
+        if leap < len(airborne) and t + swing > airborne[leap, 0] - 0.08:
             # Either down in time to leap off again, or in the air until the leap lands.
-            if airborne[leap, 0] - 0.08 - t >= 0.18:
-                down = airborne[leap, 0] - 0.08 - t
-            else:
-                down = airborne[leap, 1] - t
-                width = wide[leap]
-                fixed = True
-        for attempt in range(2):
-            at_land = min(int(np.round((t + down) / tick)), n - 1)
-            c, s = np.cos(heading[at_land]), np.sin(heading[at_land])
-            wx, wy = velocity[at_land, 0], velocity[at_land, 1]
-            _, next_contact, _ = _gait(-s * wx + c * wy, -c * wx - s * wy)
-            middle = min(int(np.round((t + down + 0.5 * next_contact) / tick)), n - 1)
-            gx, gy, gyaw = _home(
-                foot,
-                xy[middle, 0],
-                xy[middle, 1],
-                heading[middle],
-                velocity[middle, 0],
-                velocity[middle, 1],
-                width,
-                scale,
-            )
-            # The left foot lands to the left of the right one; only fast side steps cross, in front.
-            if planted[other]:
-                ox, oy = place[other, 0], place[other, 1]
-            else:
-                ox, oy = goal[other, 0], goal[other, 1]
-            c, s = np.cos(heading[middle]), np.sin(heading[middle])
-            side = 1.0 if foot == 0 else -1.0
-            apart = side * (-c * (gx - ox) - s * (gy - oy))
-            lacking = _APART_M * scale - apart
-            if lacking > 0.0:
-                to_left = -c * wx - s * wy
-                crossing = -side * to_left > 2.4
-                if crossing:
-                    ahead = -s * (gx - ox) + c * (gy - oy)
-                    more = max(0.2 * scale - ahead, 0.0)
-                    gx, gy = gx - s * more, gy + c * more
-                else:
-                    lacking = min(lacking, 0.4 * scale)
-                    gx, gy = gx - side * c * lacking, gy - side * s * lacking
-            # It must be in reach at the landing and for a moment after it.
-            for moment in (min(at_land + 8, n - 1), at_land):
-                gx, gy = _in_reach(foot, xy[moment, 0], xy[moment, 1], heading[moment], gx, gy, gyaw, scale)
-            if attempt == 0 and not fixed:
-                # Short steps take less time.
-                length = np.hypot(gx - place[foot, 0], gy - place[foot, 1])
-                down = max(down * min(0.6 + length, 1.0), 0.18) if speed < 1.5 else down
-        landing[foot] = max(np.round((t + down) / tick), k + 10) * tick
-        if fixed:
-            landing[foot] = airborne[leap, 1]
+            fixed = airborne[leap, 0] - 0.08 - t < 0.18
+            swing = airborne[leap, 1] - t if fixed else airborne[leap, 0] - 0.08 - t
+            width = wide[leap] if fixed else 0.0
+        other = place[1 - foot, :2] if planted[1 - foot] else goal[1 - foot, :2]
+        i = min(k, n - 1)
+        if not fixed and np.hypot(velocity[i, 0], velocity[i, 1]) < 1.5:
+            # Short steps take less time.
+            x, y, _ = _target(foot, t + swing, width, ground, other, scale)
+            length = np.hypot(x - place[foot, 0], y - place[foot, 1])
+            swing = max(swing * min(0.6 + length, 1.0), 0.18)
+        landing = airborne[leap, 1] if fixed else max(np.round((t + swing) / TICK_S), k + 10) * TICK_S
+        goal[foot] = _target(foot, landing, width, ground, other, scale)
         planted[foot] = False
-        goal[foot, 0], goal[foot, 1], goal[foot, 2] = gx, gy, gyaw
+        when[foot] = landing
         numbers[foot, counts[foot] - 1, 1] = t
-        numbers[foot, counts[foot] - 1, 5:7] = _bulge(
-            foot, place[foot, 0], place[foot, 1], gx, gy, ox, oy, heading[at_land], scale
-        )
+        numbers[foot, counts[foot] - 1, 5:7] = _bulge(foot, place[foot], goal[foot], other, heading[i], scale)
     for foot in range(2):
         if not planted[foot]:
-            numbers[foot, counts[foot], 0] = landing[foot]
+            numbers[foot, counts[foot], 0] = when[foot]
             numbers[foot, counts[foot], 2:5] = goal[foot]
             counts[foot] += 1
         numbers[foot, counts[foot] - 1, 1] = np.inf

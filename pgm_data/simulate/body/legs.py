@@ -111,7 +111,7 @@ def _leg(figure: Figure, foot: int, root: np.ndarray, R_root: np.ndarray, pose: 
     # Nor does a leg in the air cross the other one by more than a hip allows.
     outward = R_root[:, :, 0] * (1.0 if foot == 0 else -1.0)
     inside = np.maximum(-np.sum(way * outward, axis=-1) / longest - _CROSSES, 0.0)
-    way = way + longest * (inside - 0.1 * np.tanh(inside / 0.1))[:, None] * outward
+    way = way + longest * (pose.away * (inside - 0.1 * np.tanh(inside / 0.1)))[:, None] * outward
     target = np.where(pose.planted[:, None], pose.ankle, hip + way)
     forward = R_root[:, :, 2] * [1.0, 1.0, 0.0]
     pole = pose.forward + 0.7 * forward / np.linalg.norm(forward, axis=-1, keepdims=True)

@@ -116,7 +116,7 @@ POSTURES: dict[str, Posture] = {
         other=GRIP_M, drop=0.13,
     ),
     "bh2_hit": Posture(
-        hand=(-0.14, 0.06, 0.37), shaft=(-0.92, -0.05, 0.1), palm=(0.05, 0.05, -1.0), turn=22, trunk=(8, 8, -4),
+        hand=(-0.14, 0.06, 0.37), shaft=(-0.92, -0.05, 0.1), palm=(0.05, 0.05, -1.0), turn=12, trunk=(8, 4, -4),
         other=GRIP_M, drop=0.08,
     ),
     "bh2_through": Posture(
@@ -170,7 +170,7 @@ POSTURES: dict[str, Posture] = {
         other=(-0.32, 0.20, 0.06), other_palm=(0.6, -0.3, 0.3), drop=0.10,
     ),
     "bs_back": Posture(
-        hand=(-0.36, 0.42, 0.16), shaft=(-0.35, 0.78, -0.45), palm=(0.75, 0.0, -0.6), turn=60, trunk=(6, 34, 0),
+        hand=(-0.40, 0.38, 0.20), shaft=(-0.50, 0.75, -0.35), palm=(0.75, 0.1, -0.6), turn=60, trunk=(6, 34, 0),
         other=THROAT_M, drop=0.12,
     ),
     "bs_hit": Posture(

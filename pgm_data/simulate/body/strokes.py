@@ -106,6 +106,9 @@ def swing_of(figure: Figure, stroke: Stroke, pelvis: Float[np.ndarray, " 2"], si
     values[:, postures.RACKET] += np.where(varied[:, None], wobble, 0.0)
     shares = _shares(len(names), hit, stroke.hands)
     _bend(figure, stroke, pelvis, values, shares)
+    if stroke.hands == 1 and stroke.stretch > 0.4:
+        # A far ball leaves the other hand behind.
+        values[shares >= _SHARES_BEFORE[0], postures.HOLD.start] = 0.0
     return Swing(
         stroke=stroke,
         times=stroke.time + offsets,
@@ -216,7 +219,7 @@ def _head_speed(stroke: Stroke) -> float:
     }[stroke.kind]  # fmt: skip
     if stroke.hands == 2:
         # High balls leave the lower arms of both hands less room.
-        speed *= 0.95 - 0.3 * float(np.clip(stroke.ball[2] - 1.25, 0.0, 0.5))
+        speed *= 0.95 - 0.24 * float(np.clip(stroke.ball[2] - 1.25, 0.0, 0.5))
     return speed * (1.0 - 0.15 * stroke.stretch)
 
 

@@ -9,7 +9,7 @@ from pgm_data.simulate import rotations
 from pgm_data.simulate.body.keys import rise
 
 LOOK_TICK_S = 0.02
-_SMOOTH_TICKS = 9
+_SMOOTH_TICKS = 11
 _UP, _DOWN = np.deg2rad([55.0, 50.0])
 _EYES_ABOVE_GROUND = 0.92
 """Share of the body's height."""
@@ -40,7 +40,7 @@ def look_directions(
     seen = np.isfinite(to_ball).all(axis=1)
     distance = np.linalg.norm(np.where(seen[:, None], to_ball, 1.0), axis=1, keepdims=True)
     # A ball at the racket passes too fast for the eyes.
-    direction = np.where(seen[:, None], to_ball, ahead) / np.where(seen[:, None], np.maximum(distance, 0.8), 1.0)
+    direction = np.where(seen[:, None], to_ball, ahead) / np.where(seen[:, None], np.maximum(distance, 1.4), 1.0)
     kernel = np.hanning(2 * _SMOOTH_TICKS + 3)[1:-1]
     kernel /= kernel.sum()
     smooth = np.stack([np.convolve(c, kernel, mode="same") for c in direction.T], axis=-1)

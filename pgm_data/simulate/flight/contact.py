@@ -208,7 +208,7 @@ def touch_net(
     lift = abs(across) * (1 - height) * (0.06 + 0.08 * luck)
     if height + 0.3 * (luck - 0.5) > 0.4:
         keep = (0.3 + 0.65 * height) * (0.5 + 0.5 * luck)
-        up = lift + (0.7 if velocity[2] > 0 else 0.1) * velocity[2]
+        up = lift + (0.7 if velocity[2] > 0 else 0.1 + 0.8 * height) * velocity[2]
         over = np.array([0.8 * velocity[0], keep * across, up])
         return NetTouch(velocity=over, spin=(0.4 + 0.5 * height) * spin, way="over")
     up = 0.5 * lift + 0.3 * max(float(velocity[2]), 0.0)

@@ -12,7 +12,6 @@ import numpy as np
 
 NEAR_M = 0.05
 """Triangles are cut where they come closer to the camera's plane than this."""
-FURTHEST_PX = 1e7
 
 _kernel = numba.njit(cache=True, nogil=True, error_model="numpy")
 

@@ -10,6 +10,9 @@ from pgm_data.simulate.tennis.caption_hits import hit_slots
 from pgm_data.simulate.tennis.caption_motion import Motion, motion_of
 from pgm_data.simulate.tennis.phrases import Draw
 
+PREPARING_S = 1.2
+"""A stroke is prepared when it follows within this time."""
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Content:
@@ -138,7 +141,7 @@ def _after(span: _Span) -> Content:
         slots["after"] = "{after_point}" if span.draw() < 0.5 else f"{{after_{side}}}"
         slots["w"] = "{wait_next}"
     if _move(span, motion, slots, incoming=False):
-        return Content(frames=("frame_ma",) if span.draw() < 0.4 else (_alone(slots),), slots=slots)
+        return Content(frames=("frame_ma",) if span.draw() < 0.35 else (_alone(slots),), slots=slots)
     return Content(frames=("frame_wa",), slots=slots)
 
 
@@ -175,7 +178,7 @@ def _watching(span: _Span, other: Hit) -> Content:
         slots["w"] = f"{slots['m']} and {wait}" if span.draw() < 0.4 else wait
         return Content(frames=("frame_wo",), slots=slots)
     if moved:
-        return Content(frames=("frame_mo",) if span.draw() < 0.55 else (_alone(slots),), slots=slots)
+        return Content(frames=("frame_mo",) if span.draw() < 0.45 else (_alone(slots),), slots=slots)
     slots["w"] = "{watch}"
     return Content(frames=("frame_wo",), slots=slots)
 
@@ -189,14 +192,14 @@ def _between(span: _Span) -> Content:
     if before is None or before.stroke.player == span.player:
         slots["w"] = "{wait_ball}"
         return _moving_or_waiting(span, slots)
-    if upcoming is None:
+    if upcoming is None or upcoming.stroke.time > span.end_s + PREPARING_S:
         slots["w"] = "{watch}"
     else:
         known = upcoming.stroke.side != "overhead"
         slots |= {"w": "{prepare_hit}" if known else "{prepare_plain}", "fb": upcoming.stroke.side}
     motion = span.motion(span.start_s, span.end_s)
     if _move(span, motion, slots, incoming=upcoming is not None):
-        prepares = upcoming is not None and span.draw() < 0.5
+        prepares = upcoming is not None and upcoming.stroke.time < span.end_s + PREPARING_S and span.draw() < 0.5
         return Content(frames=("frame_mw",) if prepares else (_alone(slots),), slots=slots)
     return Content(frames=("frame_w",), slots=slots)
 
@@ -209,7 +212,8 @@ def _moving_or_waiting(span: _Span, slots: dict[str, str]) -> Content:
         return Content(frames=("frame_mw",) if span.draw() < 0.7 else ("frame_m",), slots=slots)
     moved = _move(span, motion, slots, incoming=False)
     if moved and motion.kind in ("still", "shifts"):
-        return Content(frames=("frame_sw",), slots=slots)
+        share = span.draw()
+        return Content(frames=("frame_sw" if share < 0.65 else "frame_w" if share < 0.9 else "frame_m",), slots=slots)
     if moved:
         return Content(frames=("frame_mw",) if span.draw() < 0.65 else (_alone(slots),), slots=slots)
     if _spot(place_of(motion.end), slots) and abs(motion.end[0] - motion.start[0]) < 0.5:
@@ -219,7 +223,7 @@ def _moving_or_waiting(span: _Span, slots: dict[str, str]) -> Content:
 
 def _alone(slots: dict[str, str]) -> str:
     """The frame of a motion by itself; what starts, stops or turns is not said to go on."""
-    lasts = slots["motion"] in ("{move}", "{still}", "{still_at}", "{shifts}", "{shifts_at}")
+    lasts = slots["motion"] in ("{move}", "{shifts}", "{shifts_at}")
     return "frame_m" if lasts and not slots["first"] and not slots["then"] else "frame_ms"
 
 
@@ -257,7 +261,7 @@ def _move(span: _Span, motion: Motion, slots: dict[str, str], *, incoming: bool)
         leg = motion.legs[0]
         slots |= {"gait": _gait(motion), "way": _WAYS[leg.way], "side": leg.way.split()[0]}
         slots |= {"pace": "", "goal": "", "purpose": ""}
-        if slots["gait"] == "{backpedal}" and leg.way == "back" and motion.kind == "moves" and not motion.starts:
+        if slots["gait"] == "{backpedal}" and leg.way == "back" and motion.kind == "moves":
             slots |= {"gait": "{retreat}", "way": "{way_retreat}"}
         # One of these at most, since a sentence that holds them all is longer than people write.
         extra = draw()
@@ -276,9 +280,11 @@ def _move(span: _Span, motion: Motion, slots: dict[str, str], *, incoming: bool)
         elif motion.starts and not hits and draw() < 0.6:
             slots["motion"] = "{start}"
         else:
+            # Forward to behind the baseline is true of some moves and clear to nobody.
+            fits = "forward" not in leg.way or place.name not in ("behind", "far_back")
             if motion.along_baseline and extra > 0.8:
                 slots["goal"] = "{along}"
-            elif place.name and leg.distance_m > 0.8 and 0.35 < extra < (0.47 if hits else 0.65):
+            elif place.name and fits and leg.distance_m > 0.8 and 0.35 < extra < (0.47 if hits else 0.65):
                 slots |= {"goal": _named("goal", place), "at": place.side}
             slots["motion"] = "{move_halt}" if motion.stops else "{move}"
     _split(span, motion, slots)
@@ -289,7 +295,7 @@ def _split(span: _Span, motion: Motion, slots: dict[str, str]) -> None:
     """Add a split step that lands in the span to the motion in the slots."""
     splits = span.course.play.plans[span.player].splits
     inside = splits[(splits >= span.start_s) & (splits < span.end_s)]
-    if not len(inside) or span.draw() > 0.35:
+    if not len(inside) or span.draw() > 0.25:
         return
     share = (float(inside[-1]) - span.start_s) / (span.end_s - span.start_s)
     if motion.kind in ("still", "shifts") or share > 0.7:

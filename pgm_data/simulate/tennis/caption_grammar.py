@@ -22,22 +22,24 @@ way_side_back: 2* diagonally to the {side} and back | diagonally backwards to th
 """
 
 _MOVES = """
-sprint: 4* [sprint] | [dash] | [dart] | [run] at full speed | [race] | [bolt] | 2* [run] fast
-run: 6* [run] | [rush] | [hurry] | 3* [move] | [go] | [race]
+sprint: [charge] at full speed | 4* [sprint] | [dash] | [dart] | [run] at full speed | [race] | [bolt] | 2* [run] fast
+run: 6* [run] | [rush] | [hurry] | 3* [move] | [go] | [race] | [speed] | [charge]
 jog: 2* [jog] | [trot] | 2* [move] | [go] | [head]
-walk: 5* [walk] | [stroll] | [pace] | [go] | [move]
-sidestep: 4* [sidestep] | 2* [shuffle] | 2* [take] sidesteps | [make] side steps | [move] with side steps | [shift]
-  | [move]
+walk: 5* [walk] | [stroll] | [amble] | [wander] | [pace] | [go] | [move]
+sidestep: 4* [sidestep] | [take] side steps | [take] quick sidesteps | 2* [shuffle] | 2* [take] sidesteps
+  | [make] side steps | [move] with side steps | [shift] | [move]
 backpedal: 2* [backpedal] | 2* [retreat] | 2* [move]
-retreat: 2* [backpedal] | [retreat] | 2* [back] up | [move] backwards
+retreat: [fall] back | 2* [backpedal] | [retreat] | 2* [back] up | [move] backwards
 way_retreat: 4* | away from the net
-step: 3* [step] | 2* [take] a step | [take] a small step | [make] a step | [move] a little | [shift]
-go: 5* [move] | 2* [go] | [head] | [shift] | [make] its way
+step: [take] a short step | [make] a little step | 3* [step] | 2* [take] a step | [take] a small step | [make] a step
+  | [move] a little | [shift]
+go: [proceed] | [travel] | 5* [move] | 2* [go] | [head] | [shift] | [make] its way
 fast: quickly | swiftly | rapidly | in a hurry
 slow: slowly | at a slow pace | without hurry
 move: 4* {gait} {pace} {way} {goal} {purpose} | {gait} {way} {pace} {goal} {purpose}
 move_halt: {move} {halt}
-halt: 4* and [stop] | and then [stop] | and [come] to a stop | and [halt] | , then [stop] | and [stand] still
+halt: and [come] to a halt | 4* and [stop] | and then [stop] | and [come] to a stop | and [halt] | , then [stop]
+  | and [stand] still
 start: 3* [start] to {gait+inf} {way} | [begin] to {gait+inf} {way} | 2* [start] {gait+ing} {way}
   | [begin] {gait+ing} {way} | [set] off {way}
 turn: 2* {gait} {way} and then {again} | {gait} {way} , then {again} | first {gait} {way} and then {again}
@@ -46,13 +48,14 @@ again_side: 2* [move] back to the {side2} | [return] to the {side2} | [come] bac
   | [go] back to the {side2} | [change] direction to the {side2}
 again_forward: [move] forward again | [come] forward | [move] towards the net again
 again_back: [move] backwards | [go] backwards again | [retreat]
-still: 3* [stay] in place | 2* [remain] in place | 3* [stand] still | [stay] still | [hold] the position
-  | [keep] the position | [remain] in the same spot
-still_at: 3* [stay] {spot} | 2* [remain] {spot} | 3* [stand] {spot} | [stand] still {spot} | [stay] in place {spot}
-  | [hold] the position {spot}
-shifts: 2* [adjust] the position | [take] small steps | [adjust] the position with small steps
-  | [make] small adjusting steps | [take] a few short steps | [stay] in place with small steps
-  | [shift] the weight and [take] small steps
+still: [stay] on the spot | [remain] motionless | [be] motionless | [wait] without moving | 3* [stay] in place
+  | 2* [remain] in place | 3* [stand] still | [stay] still | [hold] the position | [keep] the position
+  | [remain] in the same spot
+still_at: [remain] motionless {spot} | [wait] without moving {spot} | 3* [stay] {spot} | 2* [remain] {spot}
+  | 3* [stand] {spot} | [stand] still {spot} | [stay] in place {spot} | [hold] the position {spot}
+shifts: [move] on the spot | [correct] the position | 2* [adjust] the position | [take] small steps
+  | [adjust] the position with small steps | [make] small adjusting steps | [take] a few short steps
+  | [stay] in place with small steps | [shift] the weight and [take] small steps
 shifts_at: [adjust] the position {spot} | [take] small steps {spot} | [make] small steps {spot}
   | [take] a few short steps {spot} | [adjust] the position with small steps {spot}
 split: 4* [make] a split step | [perform] a split step | [do] a split step | [land] from a split step
@@ -199,8 +202,9 @@ np_serve: 4* A {adj} {nth} serve | A {nth} {adj} serve | A {adj} serve
 serve_flat: flat
 serve_kick: kick | topspin
 serve_slice: slice | sliced
-hit_in: 6* [hit] the ball {to} with {np} | 6* [send] the ball {to} with {np} | 5* [hit] {np} {to}
-  | 3* [play] {np} {to} | 2* [return] the ball {to} with {np} | [strike] the ball {to} with {np}
+hit_in: [guide] the ball {to} with {np} | [steer] the ball {to} with {np} | [produce] {np} {to}
+  | [place] the ball {to} with {np} | 6* [hit] the ball {to} with {np} | 6* [send] the ball {to} with {np}
+  | 5* [hit] {np} {to} | 3* [play] {np} {to} | 2* [return] the ball {to} with {np} | [strike] the ball {to} with {np}
   | [make] {np} that sends the ball {to} | 2* [hit] {np} that sends the ball {to}
   | 2* [hit] the ball with {np} that sends the ball {to} | [direct] the ball {to} with {np} | [execute] {np} {to}
   | [perform] {np} {to} | [meet] the ball with {np} and [send] it {to} | [place] {np} {to}
@@ -208,9 +212,10 @@ hit_in: 6* [hit] the ball {to} with {np} | 6* [send] the ball {to} with {np} | 5
   | [drive] the ball {to} with {np} | [answer] with {np} {to} | [aim] {np} {to} | [put] the ball {to} with {np}
   | [deliver] {np} {to} | [take] the ball with {np} and [direct] it {to} | [complete] {np} {to}
   | [touch] the ball with {np} and [push] it {to}
-hit_return: 3* [return] the serve {to} with {np} | 2* [return] the serve with {np} {to}
-  | [answer] the serve with {np} {to} | [send] the serve back {to} with {np} | [hit] {np_return} {to}
-  | [reply] to the serve with {np} {to} | [receive] the serve with {np} and [send] the ball {to} | 3* {hit_in}
+hit_return: [handle] the serve with {np} and [send] the ball {to} | [counter] the serve with {np} {to}
+  | 3* [return] the serve {to} with {np} | 2* [return] the serve with {np} {to} | [answer] the serve with {np} {to}
+  | [send] the serve back {to} with {np} | [hit] {np_return} {to} | [reply] to the serve with {np} {to}
+  | [receive] the serve with {np} and [send] the ball {to} | 3* {hit_in}
 hit_aim: 2* [hit] {np} towards {aim} | [aim] {np} at {aim} | [send] the ball towards {aim} with {np}
   | [hit] the ball in the direction of {aim} with {np} | [play] {np} towards {aim} | [direct] {np} towards {aim}
 aim_side: the {ts} side of the court | the {ts} half of the court | the {ts} side
@@ -222,14 +227,16 @@ hit_smash: [smash] the ball {to} | 2* [hit] {np} {to} | 2* {hit_in}
 hit_lob: [lift] {np} {to} | [lob] the ball {to} with the {fb} | [throw] up {np} {to} | 3* {hit_in}
 hit_lob_plain: [lift] {np} {to} | [lob] the ball {to} | 2* {hit_in}
 hit_drop: [drop] the ball {to} with {np} | [dink] {np} {to} | 3* {hit_in}
-hit_slice: [slice] the ball {to} with the {fb} | [slice] A {fb} {to} | [chip] {np} {to} | 5* {hit_in}
-hit_net: 3* [hit] {np} into the net | 3* [send] the ball into the net with {np}
-  | [hit] the ball into the net with {np} | 2* [hit] the net with {np} | [hit] {np} but the ball ends in the net
-  | [net] {np} | [make] {np} that hits the net | [fail] to get {np} over the net
-  | [hit] the ball with {np} but the net stops it | [play] {np} that lands in the net | [put] {np} into the net
-  | [make] an error with {np} and [hit] the net
-hit_out: 3* [hit] {np} {out} | 3* [send] the ball {out} with {np} | 2* [hit] the ball {out} with {np}
-  | [hit] {np} but [send] the ball {out} | [hit] {np} that lands {out} | [make] {np} but the ball goes {out}
+hit_slice: [carve] {np} {to} | [float] {np} {to} | [slice] the ball {to} with the {fb} | [slice] A {fb} {to}
+  | [chip] {np} {to} | 5* {hit_in}
+hit_net: [make] a mistake with {np} and [hit] the net | [bury] {np} in the net | 3* [hit] {np} into the net
+  | 3* [send] the ball into the net with {np} | [hit] the ball into the net with {np} | 2* [hit] the net with {np}
+  | [hit] {np} but the ball ends in the net | [net] {np} | [make] {np} that hits the net
+  | [fail] to get {np} over the net | [hit] the ball with {np} but the net stops it
+  | [play] {np} that lands in the net | [put] {np} into the net | [make] an error with {np} and [hit] the net
+hit_out: [make] a mistake with {np} and [send] the ball {out} | 3* [hit] {np} {out}
+  | 3* [send] the ball {out} with {np} | 2* [hit] the ball {out} with {np} | [hit] {np} but [send] the ball {out}
+  | [hit] {np} that lands {out} | [make] {np} but the ball goes {out}
   | [make] an error with {np} and [send] the ball {out} | [put] {np} {out} | [play] {np} that flies {out}
   | [hit] {np} which goes {out}
 hit_winner: [hit] {np} {to} for a winner | [win] the point with {np} {to} | [hit] a winner {to} with {np}
@@ -268,16 +275,18 @@ _WAITS = """
 wait_serve: 3* [wait] for the serve | 2* [wait] for the opponent to serve | [get] ready to return the serve
   | [prepare] to receive the serve | [await] the serve | [get] ready for the serve of the opponent
   | [prepare] to return the serve | [concentrate] before the serve | [wait] for the opponent's serve
-  | [be] ready for the serve | [bend] the knees and [wait] for the serve
-wait_ball: 3* [wait] for the return | 2* [wait] for the opponent's shot | [wait] for the ball
+  | [be] ready for the serve
+wait_ball: [be] ready for the return | [stay] ready for the next ball | [observe] the opponent
+  | [look] at the opponent | 3* [wait] for the return | 2* [wait] for the opponent's shot | [wait] for the ball
   | 2* [wait] for the opponent's return | [get] ready for the next shot | [prepare] for the next ball
   | [anticipate] the return | [expect] the opponent's response | [await] the opponent's answer | [watch] the opponent
   | [follow] the ball with the eyes | [get] ready for the return | [wait] for the opponent to hit the ball
   | [prepare] for the opponent's next shot
-prepare_serve: 3* [prepare] to serve | 2* [get] ready to serve | 2* [prepare] for the {nth} serve
-  | [prepare] to hit the {nth} serve | [concentrate] before the {nth} serve | [get] ready for the {nth} serve
-  | [take] time before the {nth} serve | [wait] before serving | [hold] the ball and [prepare] to serve
-  | [focus] on the {nth} serve | [be] ready to serve | [be] about to serve
+prepare_serve: [gather] concentration for the {nth} serve | [collect] the thoughts before the {nth} serve
+  | [settle] before the {nth} serve | 3* [prepare] to serve | 2* [get] ready to serve
+  | 2* [prepare] for the {nth} serve | [prepare] to hit the {nth} serve | [concentrate] before the {nth} serve
+  | [get] ready for the {nth} serve | [take] time before the {nth} serve | [wait] before serving
+  | [hold] the ball and [prepare] to serve | [focus] on the {nth} serve | [be] ready to serve | [be] about to serve
 prepare_hit: 2* [prepare] to hit A {fb} | [get] ready to hit A {fb} | [prepare] A {fb} | [set] up for A {fb}
   | [get] in position for A {fb} | [take] the racket back for A {fb}
 prepare_plain: 2* [prepare] to hit the ball | [get] ready to hit the ball | [prepare] for the shot
@@ -285,28 +294,32 @@ prepare_plain: 2* [prepare] to hit the ball | [get] ready to hit the ball | [pre
 prepare_stop: [prepare] to hit the ball but [stop] | [get] ready to hit the ball but [stop]
   | [want] to hit the ball but [stop] | [intend] to hit the ball but [stop] | [go] for the ball but [stop] halfway
 watch: 3* [watch] the ball | [look] at the ball | [follow] the ball with the eyes | [watch]
-after_point: 2* after the point | after the end of the point | when the point is over | since the point is over
-  | after the rally | as the rally has ended | once the point has ended
-after_won: after winning the point | having won the point | as the point is won
+after_point: at the end of the point | with the point over | now that the point is over | 2* after the point
+  | after the end of the point | when the point is over | since the point is over | after the rally
+  | as the rally has ended | once the point has ended
+after_won: with the point won | after winning the point | having won the point | as the point is won
   | after the opponent has lost the point
-after_lost: after losing the point | having lost the point | as the point is lost
+after_lost: with the point lost | after losing the point | having lost the point | as the point is lost
   | after the opponent has won the point
 after_fault: after the fault | because the serve was a fault | since the {nth} serve was a fault
   | after the missed serve | before the second serve
 after_let: after the let | because the serve was a let | before the serve is repeated
   | before the serve is played again
-wait_next: [wait] for the next point | [get] ready for the next point | [prepare] for the next point
-  | [take] a short rest | [catch] the breath | [relax]
+wait_next: [think] about the next point | [recover] for the next point | [look] forward to the next point
+  | [wait] for the next point | [get] ready for the next point | [prepare] for the next point | [take] a short rest
+  | [catch] the breath | [relax]
 wait_second: [wait] for the second serve | [get] ready for the second serve | [prepare] for the second serve
 wait_repeat: [wait] for the serve to be repeated | [get] ready for the repeated serve | [prepare] for the next serve
 """
 
 _REASONS = """
 opp: 4* the opponent | 2* opponent | the other player | the rival
-r_opp_net: 4* {opp} hits the net | 2* {opp} sends the ball into the net | the opponent's shot ends in the net
+r_opp_net: {opp} nets the ball | {opp} makes a mistake and hits the net | {opp} finds the net | 4* {opp} hits the net
+  | 2* {opp} sends the ball into the net | the opponent's shot ends in the net
   | the opponent's ball does not get over the net | {opp} hits the ball into the net
   | the ball of the opponent is stopped by the net | {opp} makes an error into the net
-r_opp_out: 4* {opp} sends the ball out | 3* {opp} sends the ball out of the field | 3* the ball goes out of bounds
+r_opp_out: {opp} misses the court and the ball goes out | {opp} makes a mistake and the ball goes out
+  | 4* {opp} sends the ball out | 3* {opp} sends the ball out of the field | 3* the ball goes out of bounds
   | the opponent's shot lands out | {opp} hits the ball out of the court | the ball of the opponent flies out
   | the ball lands outside of the court | {opp} makes an error and the ball goes out
 r_opp_winner: 2* the ball is out of reach | the ball is too far away | {opp} hits a winner | {opp} wins the point

@@ -51,7 +51,7 @@ def tennis_shots(scene: Scene, options: ClipOptions, seed: int) -> Iterator[Simu
             assert last is not None
             yield _away(recording, pictures, span, last)
         else:
-            yield _clip(recording, pictures, span, play)
+            yield _clip(recording, pictures, clock, span, play)
             last = play
 
 
@@ -83,11 +83,13 @@ def recording_of(scene: Scene, options: ClipOptions, seed: int) -> Recording:
     )
 
 
-def _clip(recording: Recording, pictures: MatchPictures, span: Span, play: Play) -> SimulatedShot:
+def _clip(recording: Recording, pictures: MatchPictures, clock: Clock, span: Span, play: Play) -> SimulatedShot:
     start = float(span.capture_times[0])
     times = span.capture_times - start
     poses = poses_of(recording.operator, recording.base, play, times, start)
     views = [pose.view(recording.size) for pose in poses]
+    # A play shown to its end is told to its end, which lies within a frame of the last picture.
+    whole = len(times) >= clock.frames_of(play.duration_s)
     states = play_states(play, times, np.random.default_rng([recording.seed, WORDS, play.number]))
     exposure = Graphics(
         shutter_s=recording.shutter_s if recording.shutter_s > 0 else None,
@@ -100,7 +102,7 @@ def _clip(recording: Recording, pictures: MatchPictures, span: Span, play: Play)
         capture_times=span.capture_times,
         is_duplicate=span.is_duplicate,
         track=track_of(list[View | None](views)),
-        states=later(until(states, float(times[-1]) + 0.5 * recording.shutter_s), start),
+        states=later(states if whole else until(states, float(times[-1])), start),
         graphics=exposure,
         drawn=lambda first: pictures.play(play, span.after(first), times[first:], views[first:]),
         masks=lambda: pictures.masks(play, times, views),

@@ -108,24 +108,21 @@ class _Point:
             hitter=side.player, time=stroke.time, flights=flights, contacts=contacts, verdict=verdict, intent=intent
         )
 
-    def keep(self, course: _Course, until: float | None) -> None:
-        """Write down the course up to a time at which it is hit again, or all of it."""
-        flights, contacts = course.flights, course.contacts
-        if until is not None:
-            # The contact that ends it is the next hit, which its own course brings.
-            flights, ends = truncated(flights, contacts[1:], until)
-            contacts = [contacts[0], *ends]
-            if not any(c.kind == "bounce" for c in contacts):
-                # Volleyed: it came down nowhere.
-                self.shots[-1] = replace(self.shots[-1], landing=np.full(2, np.nan), result="in")
+    def keep(self, course: _Course, until: float) -> None:
+        """Write down the course up to a time at which it is hit again."""
+        # The contact that ends it is the next hit, which its own course brings.
+        flights, ends = truncated(course.flights, course.contacts[1:], until)
+        if not any(c.kind == "bounce" for c in ends):
+            # Volleyed: it came down nowhere.
+            self.shots[-1] = replace(self.shots[-1], landing=np.full(2, np.nan), result="in")
         self.flights += flights
-        self.contacts += contacts
+        self.contacts += [course.contacts[0], *ends]
 
 
 def played(rng: np.random.Generator, start: Start) -> Play:
     """One play from the wait before the serve to the walk after the point."""
     point = _Point(rng, start)
-    server, receiver = start.server, 1 - start.server
+    server = start.server
     toss = toss_ball(
         rng, start.athletes[server], server, Due(right=start.right_court, second=start.second), start.world
     )
@@ -137,7 +134,7 @@ def played(rng: np.random.Generator, start: Start) -> Play:
             break
         course = reply
     dead = max(course.verdict.dead, course.time)
-    return _finished(point, sides, course, dead, receiver)
+    return _finished(point, sides, course, dead)
 
 
 def _places(rng: np.random.Generator, start: Start, toss: Toss) -> tuple[Runner, Runner]:
@@ -283,7 +280,7 @@ def _chased(point: _Point, side: Runner, course: _Course, found: Chase, react: f
     place, velocity = side.track.at(react)
     pieces = chased(react, found.time, place, velocity, found.goal, side.limits)
     side.track.follow(pieces)
-    swings = found.time < course.verdict.dead and found.lateness < 1.5 and luck < 0.6
+    swings = found.time < course.verdict.dead and found.lateness < 2.0 and luck < 0.8
     if not swings:
         return
     where, _ = side.track.at(found.time)
@@ -327,7 +324,7 @@ def _outcome(point: _Point, course: _Course) -> tuple[Outcome, int]:
     return "winner", hitter
 
 
-def _finished(point: _Point, sides: tuple[Runner, Runner], course: _Course, dead: float, receiver: int) -> Play:
+def _finished(point: _Point, sides: tuple[Runner, Runner], course: _Course, dead: float) -> Play:
     """The seconds after the point, and all of it written down."""
     rng, start = point.rng, point.start
     outcome, winner = _outcome(point, course)

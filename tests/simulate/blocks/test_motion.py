@@ -174,9 +174,7 @@ def test_six_joints_turn_and_the_six_at_the_ends_never_do(walk):
 
 
 def test_the_root_looks_where_the_course_says(walk):
-    np.testing.assert_allclose(
-        walk.posture.rotations[:, 0], facing(walk.course.heading_at(walk.times)), atol=1e-12
-    )
+    np.testing.assert_allclose(walk.posture.rotations[:, 0], facing(walk.course.heading_at(walk.times)), atol=1e-12)
 
 
 @given(

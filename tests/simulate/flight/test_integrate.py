@@ -19,7 +19,7 @@ assert SCENE.ball is not None and SCENE.court is not None
 BALL = ball_build(SCENE.ball)
 NET = net_shape(SCENE.court.net_world, SCENE.court.tape_width)
 SERVE = (np.array([0.4, -11.7, 2.9]), np.array([-9.5, 54.0, -5.5]), np.array([-120.0, 40.0, 260.0]))
-FREE = {"floor_z": -math.inf}
+NOWHERE = -math.inf
 RPM = 2 * math.pi / 60
 
 speeds = st.floats(0.0, 70.0)
@@ -79,7 +79,7 @@ def reference(start: tuple[np.ndarray, ...], air: Air, build: BallBuild, times: 
 def test_a_serve_of_two_seconds_agrees_with_another_integrator(wind, rpm):
     air = Air(wind=wind)
     start = (SERVE[0], SERVE[1], np.array([-0.8, 0.3, 0.5]) * rpm * RPM)
-    flown = fly(*start, air, BALL, until=2.0, **FREE)
+    flown = fly(*start, air, BALL, until=2.0, floor_z=NOWHERE)
     assert flown.stop == Stop.TIME and flown.times[-1] == 2.0
     error = np.abs(flown.positions - reference(start, air, BALL, flown.times)).max()
     assert error < 1e-7, error
@@ -87,17 +87,17 @@ def test_a_serve_of_two_seconds_agrees_with_another_integrator(wind, rpm):
 
 def test_reading_between_samples_equals_integrating_again():
     """To 0.1 mm is promised; a thousandth of it is kept."""
-    flown = fly(*SERVE, Air(), BALL, until=2.0, **FREE)
+    flown = fly(*SERVE, Air(), BALL, until=2.0, floor_z=NOWHERE)
     times = np.sort(np.random.default_rng(0).uniform(0, 2, 200))
     position, velocity = as_path(flown).at(times)
     assert np.abs(position - reference(SERVE, Air(), BALL, times)).max() < 1e-7
-    again = np.stack([fly(*SERVE, Air(), BALL, until=t, **FREE).velocities[-1] for t in times])
+    again = np.stack([fly(*SERVE, Air(), BALL, until=t, floor_z=NOWHERE).velocities[-1] for t in times])
     assert np.abs(velocity - again).max() < 1e-4
 
 
 def test_a_ball_in_a_vacuum_flies_a_parabola():
     air = Air(density_kg_m3=0.0)
-    flown = fly(*SERVE, air, BALL, until=1.5, **FREE)
+    flown = fly(*SERVE, air, BALL, until=1.5, floor_z=NOWHERE)
     t = flown.times[:, None]
     want = SERVE[0] + SERVE[1] * t - [0, 0, 0.5 * air.gravity] * t**2
     np.testing.assert_allclose(flown.positions, want, atol=1e-12)
@@ -160,7 +160,7 @@ def test_energy_never_rises_in_still_air(speed, elevation, azimuth, spin):
 def test_the_lift_does_no_work(speed, elevation, spin):
     build = replace(BALL, drag_coefficient=0.0, spin_decay_per_s=0.0)
     velocity = launch(speed, elevation, 0.3)
-    flown = fly(np.zeros(3), velocity, np.array(spin), Air(gravity=0.0), build, until=2.0, **FREE)
+    flown = fly(np.zeros(3), velocity, np.array(spin), Air(gravity=0.0), build, until=2.0, floor_z=NOWHERE)
     np.testing.assert_allclose(np.linalg.norm(flown.velocities, axis=1), speed, rtol=1e-8, atol=1e-12)
 
 
@@ -181,8 +181,8 @@ def test_a_mirrored_launch_flies_the_mirrored_path(speed, elevation, azimuth, sp
 )
 def test_a_steady_wind_is_still_air_seen_from_a_moving_frame(speed, elevation, wind, spin):
     velocity, wind = launch(speed, elevation, 0.2), np.array(wind)
-    blown = fly(SERVE[0], velocity, np.array(spin), Air(wind=wind), BALL, until=2.0, **FREE)
-    calm = fly(SERVE[0], velocity - wind, np.array(spin), Air(), BALL, until=2.0, **FREE)
+    blown = fly(SERVE[0], velocity, np.array(spin), Air(wind=wind), BALL, until=2.0, floor_z=NOWHERE)
+    calm = fly(SERVE[0], velocity - wind, np.array(spin), Air(), BALL, until=2.0, floor_z=NOWHERE)
     np.testing.assert_allclose(blown.positions, calm.positions + wind * calm.times[:, None], atol=1e-9)
 
 
@@ -199,7 +199,7 @@ def test_topspin_bends_down_backspin_up_and_sidespin_from_above_anticlockwise_to
 
 
 def test_spin_decays_by_its_share():
-    flown = fly(*SERVE, Air(), replace(BALL, spin_decay_per_s=0.05), until=1.0, **FREE)
+    flown = fly(*SERVE, Air(), replace(BALL, spin_decay_per_s=0.05), until=1.0, floor_z=NOWHERE)
     np.testing.assert_allclose(flown.spins[-1], SERVE[2] * math.exp(-0.05), rtol=1e-12)
 
 

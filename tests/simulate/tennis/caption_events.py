@@ -21,21 +21,21 @@ def read_waits(said: Said, world: World) -> None:
         said.must(waits or (play.server == said.player and number == "second" and said.start < serve.time), m.group())
     for m in said.all(
         rf"(?:{PREPARE}|{READY}|is about) to serve|(?:{READY}|{PREPARE}) for the (first|second) serve|{PREPARE} to hit the (first|second) serve"
-        rf"|(?:{verb('concentrat-e')} before|{TAKE} time before|{verb('focus')} on) the (first|second) serve|{WAIT} before serving"
+        rf"|(?:{verb('concentrat-e')} before|{TAKE} time before|{verb('focus')} on) the (first|second) serve|{verb('gather')} concentration for the (first|second) serve|{verb('collect')} the thoughts before the (first|second) serve|{verb('settl-e')} before the (first|second) serve|{WAIT} before serving"
         rf"|(?:be|being) about to serve|{verb('hold')} the ball and(?= )"
     ):
         nth = next((g for g in m.groups() if g), number)
         said.must(play.server == said.player and said.start < serve.time and nth == number, m.group())
     for m in said.all(
-        r"after winning the point|having won the point|as the point is won|after the opponent has lost the point"
+        r"with the point won|after winning the point|having won the point|as the point is won|after the opponent has lost the point"
     ):
         said.must(over and winner, m.group())
     for m in said.all(
-        r"after losing the point|having lost the point|as the point is lost(?! by)|after the opponent has won the point"
+        r"with the point lost|after losing the point|having lost the point|as the point is lost(?! by)|after the opponent has won the point"
     ):
         said.must(over and play.winner == 1 - said.player, m.group())
     for m in said.all(
-        r"after the point|after the end of the point|(?:when|since) the point is over|after the rally|as the rally has ended|once the point has ended"
+        r"at the end of the point|with the point over|now that the point is over|after the point|after the end of the point|(?:when|since) the point is over|after the rally|as the rally has ended|once the point has ended"
     ):
         said.must(over and play.winner >= 0, m.group())
     for m in said.all(
@@ -45,7 +45,7 @@ def read_waits(said: Said, world: World) -> None:
     for m in said.all(r"after the let|because the serve was a let|before the serve is (?:repeated|played again)"):
         said.must(over and play.outcome == "let", m.group())
     for m in said.all(
-        rf"(?:{WAIT} for|{READY} for|{PREPARE} for) the next point|{TAKE} a short rest|catch(?:es|ing)? the breath|relax(?:es|ing)?"
+        rf"(?:{WAIT} for|{READY} for|{PREPARE} for) the next point|{TAKE} a short rest|catch(?:es|ing)? the breath|{verb('think')} about the next point|{verb('recover')} for the next point|{verb('look')} forward to the next point|relax(?:es|ing)?"
     ):
         said.must(over and play.winner >= 0, m.group())
     for m in said.all(
@@ -55,14 +55,14 @@ def read_waits(said: Said, world: World) -> None:
     ):
         said.must(play.server != said.player and said.start < serve.time, m.group())
     for m in said.all(
-        rf"{WAIT} for the (?:return|ball|opponent's shot|opponent's return|opponent to hit the ball)|{READY} for the (?:next shot|return)"
+        rf"{WAIT} for the (?:return|ball|opponent's shot|opponent's return|opponent to hit the ball)|(?:{READY}|{verb('stay')} ready) for the (?:next shot|next ball|return)"
         rf"|{PREPARE} for the (?:next ball|opponent's next shot)|{verb('anticipat-e')} the return|{verb('expect')} the opponent's response"
         rf"|{verb('await')} the opponent's answer"
     ):
         before = world.previous(said.start)
         said.must(before is not None and before.player == said.player and not over, m.group())
     for m in said.all(
-        rf"{verb('look')} at the ball|{verb('follow')} the ball with the eyes|{verb('watch')} (?:the opponent|the ball)|{verb('watch')}"
+        rf"{verb('look')} at the (?:ball|opponent)|{verb('observ-e')} the opponent|{verb('follow')} the ball with the eyes|{verb('watch')} (?:the opponent|the ball)|{verb('watch')}"
     ):
         said.must(said.end > serve.time, m.group())
     for m in said.all(
@@ -105,7 +105,7 @@ def read_opponent(said: Said, world: World) -> None:
             said.must(re.search(r"\bout\b", what) is None or world.last.result == "out", m.group())
         elif re.search(r"\blet\b", what):
             said.must(ended and theirs and world.last.result == "let", m.group())
-        elif re.search(r"\bnet\b", what):
+        elif re.search(r"\bnets?\b", what):
             said.must(ended and theirs and world.last.result == "net", m.group())
         elif re.search(r"\bout(?:side)?\b", what):
             said.must(ended and theirs and world.last.result == "out", m.group())

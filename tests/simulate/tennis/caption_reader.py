@@ -136,7 +136,7 @@ def _read_stroke(said: Said, world: World, stroke: Stroke, shot: Shot | None, to
     said.all(r"serve|return")
     said.all(
         HIT
-        + rf"|{verb('get')}|lands|falls|ends|flies|goes|touches|brushes|error|shot|drive|stroke|groundstroke|back|it|point"
+        + rf"|{verb('get')}|lands|falls|ends|flies|goes|touches|brushes|error|mistake|shot|drive|stroke|groundstroke|back|it|point"
     )
     said.must("net" not in told or shot.result == "net", "net")
     said.must("out" not in told or shot.result == "out", "out")

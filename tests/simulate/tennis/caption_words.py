@@ -23,33 +23,31 @@ def verb(*stems: str) -> str:
 
 TAKE, MAKE, MOVE, GO, STAND = verb("tak-e"), verb("mak-e"), verb("mov-e"), verb("go"), verb("stand")
 GAITS = {
-    "sprint": rf"{verb('sprint', 'dash', 'dart', 'bolt')}|{verb('run')} (?:at full speed|fast)",
-    "run": verb("run", "rush", "hurr-y", "rac-e"),
+    "sprint": rf"{verb('sprint', 'dash', 'dart', 'bolt')}|{verb('run')} (?:at full speed|fast)|{verb('charg-e')} at full speed",
+    "run": verb("run", "rush", "hurr-y", "rac-e", "charg-e", "speed"),
     "jog": verb("jog", "trot"),
-    "walk": verb("walk", "stroll", "pac-e"),
-    "sidestep": rf"{verb('sidestep', 'shuffl-e')}|{TAKE} sidesteps|{MAKE} side steps|{MOVE} with side steps",
-    "retreat": rf"{verb('backpedal', 'retreat')}|back(?:s|ing)? up|{verb('drop')} back",
-    "step": rf"(?:{TAKE}|{MAKE}) a (?:small )?step|{MOVE} a little|{verb('step')}",
+    "walk": verb("walk", "stroll", "pac-e", "wander", "ambl-e"),
+    "sidestep": rf"{verb('sidestep', 'shuffl-e')}|{TAKE} (?:quick )?sidesteps|{TAKE} side steps|{MAKE} side steps|{MOVE} with side steps",
+    "retreat": rf"{verb('backpedal', 'retreat')}|back(?:s|ing)? up|{verb('drop', 'fall')} back",
+    "step": rf"(?:{TAKE}|{MAKE}) a (?:small |short |little )?step|{MOVE} a little|{verb('step')}",
     "recover": rf"{verb('recover')}(?= back| to)|(?<!hand ){verb('return')}(?= to| towards)|{verb('get')}(?= _)"
     rf"|(?:{MOVE}|{verb('com-e')}|{GO})(?= _)",
-    "go": rf"{MAKE} its way|{verb('chang-e')} direction|{verb('head', 'shift', 'com-e')}|set(?:s|ting)? off|{MOVE}|{GO}",
+    "go": rf"{MAKE} its way|{verb('proceed', 'travel')}|{verb('chang-e')} direction|{verb('head', 'shift', 'com-e')}|set(?:s|ting)? off|{MOVE}|{GO}",
 }
-STAY = rf"{verb('stay', 'remain')} in (?:place|the same spot)|{verb('stay')} still|{STAND} still|{verb('hold', 'keep')} the position"
+STAY = rf"{verb('stay', 'remain')} in (?:place|the same spot)|{verb('stay')} on the spot|{verb('remain')} motionless|(?:is|being|be) motionless|{verb('wait')} without moving|{verb('stay')} still|{STAND} still|{verb('hold', 'keep')} the position"
 STAY += rf"|{verb('stay', 'remain')}|{STAND}|positioned"
-SHIFT = (
-    rf"{verb('adjust')} the position(?: with small steps)?|(?:{TAKE}|{MAKE}) (?:small(?: adjusting)?|a few short) steps"
-)
+SHIFT = rf"{verb('adjust', 'correct')} the position(?: with small steps)?|{MOVE} on the spot|(?:{TAKE}|{MAKE}) (?:small(?: adjusting)?|a few short) steps"
 SHIFT += rf"|{verb('stay')} in place with small steps|{verb('shift')} the weight and {TAKE} small steps"
 SPLIT = (
     rf"{verb('split-step')}|(?:{MAKE}|{verb('perform', 'do')}|{verb('land')} from|{verb('hop')} into|with) a split step"
 )
 STRETCH = rf"{verb('stretch', 'lung-e')} (?:for|to reach) the ball|{verb('reach')} for the ball|{verb('extend')} the arm for the ball"
-HALT = rf"{verb('stop', 'halt')}|{verb('com-e')} to a stop|(?<=and ){STAND} still"
+HALT = rf"{verb('stop', 'halt')}|{verb('com-e')} to a (?:stop|halt)|(?<=and ){STAND} still"
 HIT = verb(
     "hit", "send", "play", "return", "strik-e", "mak-e", "direct", "execut-e", "perform", "meet", "plac-e", "us-e", "respond",
     "knock", "driv-e", "answer", "aim", "put", "deliver", "tak-e", "complet-e", "touch", "push", "repl-y", "receiv-e", "punch",
     "block", "smash", "lift", "lob", "throw", "drop", "dink", "slic-e", "chip", "win", "finish", "scor-e", "serv-e", "open",
-    "fir-e", "launch", "fail", "commit", "los-e", "brush", "clip", "toss", "swing", "miss", "tr-y", "attempt",
+    "fir-e", "launch", "fail", "commit", "los-e", "brush", "clip", "toss", "swing", "miss", "guid-e", "steer", "produc-e", "carv-e", "float", "bur-y", "handl-e", "counter", "tr-y", "attempt",
 )  # fmt: skip
 HIT += rf"|sent|struck|{verb('net')}(?= an? )"
 NOUNS = {

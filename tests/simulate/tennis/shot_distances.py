@@ -1,8 +1,8 @@
 """Shots as plain numbers, of real matches and of simulated ones, and how far apart two samples lie.
 
 All places are the hitter's own: across to the hitter's right (or to the racket's side, where it says so), depth
-away from the net. Real files: one season's shots with a header of names, and a match of Hawk-Eye event points; both have x
-along the court and mirror it between the ends.
+away from the net. Real files: one match's shots with a header of names, and another's Hawk-Eye event points; both have
+x along the court, and players at either end.
 """
 
 import csv

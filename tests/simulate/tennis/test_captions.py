@@ -168,6 +168,16 @@ def test_texts_are_three_different_lower_case_sentences_of_4_to_30_words(caption
             assert not re.search(r"\ba [aeiou](?!ne)|\ban [^aeiou]|\b(\w+) \1\b", text), text
 
 
+@pytest.mark.parametrize("duration", [0.05, 0.5, 1.19, 1.21])
+def test_a_play_cut_short_is_still_told(handmade: list[Play], duration: float) -> None:
+    play = handmade[2]
+    knots = int(duration * 50) + 1
+    plans = [replace(p, times=p.times[:knots], path=p.path[:knots], heading=p.heading[:knots]) for p in play.plans]
+    found = captioned(replace(play, duration_s=duration, plans=(plans[0], plans[1])))
+    assert sum(c.end_s - c.start_s for c in found) == pytest.approx(2 * duration)
+    assert all(len(set(c.texts)) == 3 for c in found)
+
+
 def test_the_same_seed_says_the_same(handmade: list[Play]) -> None:
     for play in handmade[:8]:
         again = captioned(play, 7)
