@@ -13,8 +13,8 @@ from pgm_data.scene import load_scene
 from pgm_data.simulate.clip import simulate_shots
 from pgm_data.simulate.clip_options import ClipOptions
 from pgm_data.simulate.tennis.caption_figures import CaptionFigures, figures_of
-from pgm_data.simulate.tennis.shot_samples import distance, real_sample, simulated_sample
 from pgm_data.stages.histograms import Pair, histograms_svg
+from pgm_data.stages.shot_samples import distance, real_sample, simulated_sample
 from pgm_data.stages.simulate_physics import PhysicsFigures, match_plays, measure_physics
 from pgm_data.stages.simulate_sheet import write_sheet
 from pgm_data.stages.simulate_speed import Run, timed_simulate

@@ -162,6 +162,9 @@ def _go(pen: _Pen, goals: frozenset[Spot], goal: int) -> None:
     kinds: tuple[MoveKind, ...] = ("walk", "step", "jump", "drop", "climb_up", "climb_down")
     factors = np.exp(pen.rng.uniform(0.0, (0.7, 0.7, 1.2, 2.3, 1.0, 0.3)))
     taste: dict[MoveKind, float] = {k: float(v) for k, v in zip(kinds, factors, strict=True)}
+    if pen.rng.random() < 0.25:
+        # Now and then by stairs and ladders only, where there is a choice.
+        taste["jump"] = taste["drop"] = 8.0
     moves = find_way(pen.ways, pen.spot, goals, taste)
     sprints = pen.rng.random() < 0.5
     straight = pen.rng.random() < 0.7

@@ -85,7 +85,7 @@ def half_stride(swing: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
 
 
 def angle_of(reach: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-    """Angle of a leg, radians, whose sole bears so far before (positive) or behind the hip; inverse of `half_stride`."""
+    """Angle of a leg, radians, whose sole bears so far before (positive) or behind the hip; undoes `half_stride`."""
     radius, lean = np.hypot(LEG_M, SOLE_HALF_M), np.arctan2(SOLE_HALF_M, LEG_M)
     return np.asarray(np.sign(reach) * (lean + np.arcsin(np.clip((np.abs(reach) - SOLE_HALF_M) / radius, -1, 1))))
 

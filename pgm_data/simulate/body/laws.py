@@ -18,7 +18,7 @@ _TOES_AHEAD_M = 0.07
 KNEE = (-0.09, 2.62)
 """Radians of bending; a knee of the skeleton at rest is bent by 0.05."""
 ELBOW = (-0.09, 2.70)
-HIP_FLEXION, HIP_SIDEWAYS, HIP_TWIST = (-0.80, 2.36), (-0.90, 1.13), (-1.10, 1.10)
+HIP_FLEXION, HIP_SIDEWAYS, HIP_TWIST = (-0.85, 2.36), (-0.90, 1.13), (-1.10, 1.10)
 """Thigh forwards, outwards, and about itself, outwards, of the pelvis' frame. Athletes': the pelvis tilts along."""
 ANKLE_POINT, ANKLE_ANY = (-0.87, 0.87), 1.05
 """Toes down; and the whole turn of the ankle in any direction."""

@@ -212,8 +212,8 @@ def stride_phase(stances: tuple[Stances, Stances], times: np.ndarray) -> np.ndar
         return np.zeros(len(times))
     order = np.lexsort((foot, land))
     land, foot = land[order], foot[order]
-    # Of two feet that land together, one counts.
-    apart = np.concatenate([[True], np.diff(land) > 0.03])
+    # Of two feet that land almost together, one counts.
+    apart = np.concatenate([[True], np.diff(land) > 0.13])
     land, foot = land[apart], foot[apart]
     rise = np.where(np.diff(foot) == 0, 2.0 * np.pi, np.pi)
     value = np.pi * foot[0] + np.concatenate([[0.0], np.cumsum(rise)])

@@ -116,7 +116,7 @@ POSTURES: dict[str, Posture] = {
         other=GRIP_M, drop=0.13,
     ),
     "bh2_hit": Posture(
-        hand=(-0.14, 0.06, 0.37), shaft=(-0.92, -0.05, 0.1), palm=(0.05, 0.05, -1.0), turn=12, trunk=(8, 4, -4),
+        hand=(-0.14, 0.06, 0.37), shaft=(-0.92, -0.05, 0.1), palm=(0.05, 0.05, -1.0), turn=5, trunk=(8, 2, -4),
         other=GRIP_M, drop=0.08,
     ),
     "bh2_through": Posture(

@@ -207,7 +207,7 @@ def _rise(figure: Figure, stroke: Stroke, pelvis: np.ndarray) -> float:
 
 def _hop(figure: Figure, stroke: Stroke, pelvis: np.ndarray, drop: float) -> float:
     """Height of the jump in which the arm is almost straight, metres."""
-    reach = _shoulder(figure) - 0.03 - 0.06 * stroke.stretch - drop + _rise(figure, stroke, pelvis)
+    reach = _shoulder(figure) - 0.05 - 0.06 * stroke.stretch - drop + _rise(figure, stroke, pelvis)
     return float(np.clip(stroke.ball[2] - reach, 0.03 if is_overhead(stroke) else 0.0, 0.7))
 
 
@@ -219,7 +219,7 @@ def _head_speed(stroke: Stroke) -> float:
     }[stroke.kind]  # fmt: skip
     if stroke.hands == 2:
         # High balls leave the lower arms of both hands less room.
-        speed *= 0.95 - 0.24 * float(np.clip(stroke.ball[2] - 1.25, 0.0, 0.5))
+        speed *= 0.93 - 0.28 * float(np.clip(stroke.ball[2] - 1.25, 0.0, 0.5))
     return speed * (1.0 - 0.15 * stroke.stretch)
 
 

@@ -37,6 +37,7 @@ class Reading:
         ahead = player.rotations[:, 0, :, 2]
         self.heading = np.degrees(np.unwrap(np.arctan2(ahead[:, 0], ahead[:, 1])))[self.inside]
         self.after = self.all_feet[(times >= start) & (times <= end + 5.0)]
+        self.cut_short = times[-1] < end + 5.0
         step = np.diff(self.all_feet, axis=0) * RATE
         fall = np.abs(np.diff(step[:, 2]) * RATE + 28.0) < 1.5
         flies = np.zeros(len(times), dtype=bool)
@@ -156,7 +157,8 @@ def faults(text, seen: Reading, shot):
         element = named[0]
         before, after = gap_to(seen.feet[0, :2], element), gap_to(seen.feet[-1, :2], element)
         if re.search(r"(climbs up to|top of|ladder of) X", said) and "climbs" in said:
-            claim(ever_on(seen.after, element), "climbs to")
+            claim(gap_to(seen.feet[-1, :2], element) < 0.55, "climbs beside")
+            claim(ever_on(seen.after, element) or seen.cut_short, "climbs to")
         elif re.search(r"\b(reaches|arrives at) X", said):
             claim(after < 0.02 and before > 0.2, "reaches")
         elif re.search(r"\b(on|onto|on top of|over|along|down to) X", said):

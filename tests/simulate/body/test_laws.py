@@ -62,7 +62,7 @@ def test_a_sunken_body_and_a_dipped_heel_are_in_the_ground():
         ("L_Knee", 0, -0.3, 0.21),
         ("R_Knee", 0, 2.8, 0.18),
         ("L_Hip", 0, -2.5, 0.14),
-        ("R_Hip", 0, 1.2, 0.4),
+        ("R_Hip", 0, 1.2, 0.35),
         ("L_Hip", 2, 1.33, 0.2),
         ("R_Hip", 2, -1.33, 0.2),
         ("L_Hip", 2, -1.1, 0.2),

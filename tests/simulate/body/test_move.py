@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pgm_data.simulate import rotations
-from pgm_data.simulate.body import racket
+from pgm_data.simulate.body import move, racket
 from pgm_data.simulate.body.figure import Figure, draw_figure, smpl24, world_from_joints
+from pgm_data.simulate.body.legs import LowerBody
 from pgm_data.simulate.body.move import body_track, hand_position
 from pgm_data.simulate.body.reach import pelvis_at_contact
 from pgm_data.simulate.tennis.play import Plan, Stroke
@@ -153,8 +154,8 @@ def test_joints_stay_human_and_no_faster_than_an_athletes(seed):
     track = body_track(figure, plan, (stroke,), at_ball(stroke), times)
     R, t = world_from_joints(figure, track.root_position, track.rotations)
     rates = joint_rates(track, times)
-    assert rates[:, ARMS].max() < 75.0
-    assert rates[:, CORE].max() < 25.0
+    assert rates[:, ARMS].max() < 60.0
+    assert rates[:, CORE].max() < 20.0
     for side in ("L_", "R_"):
         upper = t[:, INDEX[side + "Elbow"]] - t[:, INDEX[side + "Shoulder"]]
         lower = t[:, INDEX[side + "Wrist"]] - t[:, INDEX[side + "Elbow"]]
@@ -185,7 +186,7 @@ def test_racket_and_hands_keep_clear_of_trunk_and_head(seed):
     along = np.linspace(racket.BUTT_M, racket.TIP_M, 20)
     points = t[:, hand, None] + along[None, :, None] * shaft[:, None]
     head = t[:, INDEX["Head"]] + R[:, INDEX["Head"]] @ np.array([0.0, 0.05, 0.01])
-    assert np.linalg.norm(points - head[:, None], axis=-1).min() > 0.08
+    assert np.linalg.norm(points - head[:, None], axis=-1).min() > 0.11
     base, axis = t[:, 0], t[:, INDEX["Neck"]] - t[:, 0]
     for p in (t[:, hand], t[:, other_hand(figure)], *np.moveaxis(points, 1, 0)):
         share = np.clip(((p - base) * axis).sum(1) / (axis * axis).sum(1), 0.0, 1.0)
@@ -207,8 +208,25 @@ def test_the_body_at_a_time_does_not_depend_on_the_other_times(seed):
     np.testing.assert_allclose(one.rotations, track.rotations[:1], atol=1e-9)
 
 
+def gliding(figure, plan, demand_of, times):
+    """A pelvis over legs that do nothing, the same for both sides: real feet begin with one of them."""
+    demand = demand_of(times)
+    heading = np.interp(times, plan.times, plan.heading) + demand.turn
+    place = [np.interp(times, plan.times, plan.path[:, k]) for k in (0, 1)]
+    lean = rotations.about(0, demand.lean_forward) @ rotations.about(2, -demand.lean_left)
+    return LowerBody(
+        root_position=np.stack([*place, figure.translations[0, 1] - 0.04 - demand.drop + demand.hop], axis=-1),
+        root_rotation=rotations.facing(heading) @ lean,
+        leg_rotations=np.broadcast_to(np.eye(3), (len(times), 24, 3, 3)).copy(),
+        contact=np.zeros((len(times), 2), bool),
+        stride_phase=np.full(len(times), 0.5 * np.pi),
+        speed=np.full(len(times), 1.0),
+    )
+
+
 @pytest.mark.parametrize("shot_kind", SHOTS)
-def test_left_handers_are_the_mirror_image_of_right_handers(shot_kind):
+def test_left_handers_are_the_mirror_image_of_right_handers(shot_kind, monkeypatch):
+    monkeypatch.setattr(move, "lower_body", gliding)
     figure, stroke, plan = drawn(11, shot_kind, "right")
     flip = np.array([-1.0, 1.0, 1.0])
     mirrored = replace(stroke, ball=stroke.ball * flip, swing=stroke.swing * flip, toss=stroke.toss * flip)
@@ -222,8 +240,8 @@ def test_left_handers_are_the_mirror_image_of_right_handers(shot_kind):
     ]
     upper = [0, *CORE, *ARMS]
     image = (left.rotations * np.outer(flip, flip))[:, swap]
-    np.testing.assert_allclose(image[:, upper], right.rotations[:, upper], atol=1e-6)
-    np.testing.assert_allclose(left.root_position * flip, right.root_position, atol=1e-6)
+    np.testing.assert_allclose(image[:, upper], right.rotations[:, upper], atol=1e-5)
+    np.testing.assert_allclose(left.root_position * flip, right.root_position, atol=1e-5)
 
 
 @settings(max_examples=15, deadline=None)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pgm_data.scene import load_scene
 from pgm_data.simulate.tennis.match import draw_match, plays
 from pgm_data.simulate.tennis.play import Play
-from tests.simulate.tennis.shot_distances import distance, real_sample, simulated_sample
+from pgm_data.stages.shot_samples import distance, real_sample, simulated_sample
 
 _POORER = {
     # Each real match has two servers, so that two peaks stand where a hundred bodies of ours spread.

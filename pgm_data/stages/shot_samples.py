@@ -8,10 +8,12 @@ x along the court, and players at either end.
 import csv
 from collections import defaultdict
 from collections.abc import Iterable
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from pgm_data.simulate.tennis.play import Play
 
@@ -55,25 +57,44 @@ def _place(into: _Gathered, shot: int, serve: int, ball: np.ndarray, landing: np
         into.add(f"{kind} landing {name}", value)
 
 
-def _manner(into: _Gathered, shot: int, serve: int, stroke: str, manner: Sample) -> None:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Manner:
+    """How a shot was hit."""
+
+    speed: float
+    """m/s."""
+    spin: float
+    """rpm, signed."""
+    interval: float
+    """Seconds since the shot before; NaN of serves."""
+    height: float
+    """Of the contact, metres."""
+    hitter: Float[np.ndarray, " 2"]
+    """Across and depth from the net, metres."""
+    receiver: Float[np.ndarray, " 2"]
+    racket: float
+    """1 of right-handers, -1 of left-handers."""
+
+
+def _manner(into: _Gathered, shot: int, serve: int, stroke: str, manner: _Manner) -> None:
     """Speed, spin, time since the shot before, and both players' places."""
     kind = f"serve {serve}" if shot == 1 else "return" if shot == 2 else "rally"
-    into.add(f"{kind} speed", float(manner["speed"]))
+    into.add(f"{kind} speed", manner.speed)
     if shot == 1:
-        into.add(f"{kind} receiver depth", manner["receiver"][1])
-        into.add(f"{kind} receiver aside", abs(manner["receiver"][0]))
+        into.add(f"{kind} receiver depth", manner.receiver[1])
+        into.add(f"{kind} receiver aside", abs(manner.receiver[0]))
         return
     if shot == 2:
-        into.add("return spin", float(manner["spin"]))
+        into.add("return spin", manner.spin)
         return
-    into.add("rally interval", float(manner["interval"]))
-    into.add("rally receiver depth", manner["receiver"][1])
-    into.add("rally receiver across", manner["receiver"][0])
-    into.add(f"{stroke} speed", float(manner["speed"]))
-    into.add(f"{stroke} spin", float(manner["spin"]))
-    into.add(f"{stroke} contact height", float(manner["height"]))
-    into.add(f"{stroke} hitter depth", manner["hitter"][1])
-    into.add(f"{stroke} hitter to the racket's side", manner["hitter"][0] * float(manner["racket"]))
+    into.add("rally interval", manner.interval)
+    into.add("rally receiver depth", manner.receiver[1])
+    into.add("rally receiver across", manner.receiver[0])
+    into.add(f"{stroke} speed", manner.speed)
+    into.add(f"{stroke} spin", manner.spin)
+    into.add(f"{stroke} contact height", manner.height)
+    into.add(f"{stroke} hitter depth", manner.hitter[1])
+    into.add(f"{stroke} hitter to the racket's side", manner.hitter[0] * manner.racket)
 
 
 def real_sample(folder: Path) -> Sample:
@@ -105,15 +126,15 @@ def _read_shots(into: _Gathered, path: Path) -> None:
         # The file now and then swaps the two.
         hitter, receiver = names if np.sign(float(row["hitter_x"])) == end else names[::-1]
         _place(into, shot, serve, np.array([end * float(row["ball_hit_y"]), abs(x), float(row["ball_hit_z"])]), landing)
-        manner = {
-            "speed": np.float64(row["speed_ms"]),
-            "spin": np.float64(row["spin_rpm"]),
-            "interval": np.float64(interval),
-            "height": np.float64(row["ball_hit_z"]),
-            "hitter": _own(row, hitter, end),
-            "receiver": _own(row, receiver, end),
-            "racket": np.float64(-1.0 if row["hitter_external_id"] == _LEFT_HANDED else 1.0),
-        }
+        manner = _Manner(
+            speed=float(row["speed_ms"]),
+            spin=float(row["spin_rpm"]),
+            interval=float(interval),
+            height=float(row["ball_hit_z"]),
+            hitter=_own(row, hitter, end),
+            receiver=_own(row, receiver, end),
+            racket=float(-1.0 if row["hitter_external_id"] == _LEFT_HANDED else 1.0),
+        )
         _manner(into, shot, serve, row["stroke"], manner)
 
 
@@ -161,15 +182,15 @@ def simulated_sample(plays: Iterable[Play]) -> Sample:
             if not landing[1] > 0:
                 landing = np.full(2, np.nan)
             _place(into, number, play.serve_number, ball, landing)
-            manner = {
-                "speed": np.float64(shot.speed),
-                "spin": np.float64(shot.spin_rpm),
-                "interval": np.float64(stroke.time - before),
-                "height": np.float64(stroke.ball[2]),
-                "hitter": forward * places[0],
-                "receiver": forward * places[1] * np.array([1.0, -1.0]),
-                "racket": np.float64(1.0 if play.athletes[shot.player].figure.hand == "right" else -1.0),
-            }
+            manner = _Manner(
+                speed=float(shot.speed),
+                spin=float(shot.spin_rpm),
+                interval=float(stroke.time - before),
+                height=float(stroke.ball[2]),
+                hitter=forward * places[0],
+                receiver=forward * places[1] * np.array([1.0, -1.0]),
+                racket=float(1.0 if play.athletes[shot.player].figure.hand == "right" else -1.0),
+            )
             side = "backhand" if stroke.side == "backhand" else "forehand"
             _manner(into, number, play.serve_number, side, manner)
             before = stroke.time
