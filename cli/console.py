@@ -66,10 +66,10 @@ class Progress:
     _drawn_at: float = -1e9
     _drawn: bool = False
 
-    def update(self, name: str, share: float) -> None:
+    def update(self, name: str, share: float, detail: str = "") -> None:
         """Say that the job `name` is done to `share` of 0 to 1, or NaN where nobody knows."""
         self._shares[name] = min(max(share, 0.0), 1.0) if share == share else 0.0
-        self._draw(name, now=False)
+        self._draw(f"{name} {detail}".rstrip(), now=False)
 
     def finish(self, name: str, message: str = "") -> None:
         """Say that the job `name` has ended; `message` stays on the screen."""

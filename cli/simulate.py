@@ -1,23 +1,34 @@
 """`pgm simulate`: videos of courts with their exact truth."""
 
 import os
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from .console import Progress, option_error
+from .console import Progress, UsageError, option_error, print_error
 
 if TYPE_CHECKING:
     from pgm_data.scene import Scene
-    from pgm_data.simulate.folders import Written
+    from pgm_data.simulate.clip_options import ClipOptions
+    from pgm_data.simulate.mix import MixOptions
+    from pgm_data.stages.jobs import JobEvent
+    from pgm_data.stages.simulate_run import SimulateWork
+
+SOME_FAILED, NOTHING_USABLE = 3, 4
+COURT_IDLE = ("masks", "shutter", "wind", "surface")
+"""Options that change nothing where nobody plays."""
+BLOCKS_IDLE = ("motion", "duplicates", "shutter", "wind", "surface")
+"""Options that change nothing about walks among blocks."""
+MATCH_OPTIONS = ("pictures", "masks", "motion", "duplicates", "shutter", "wind", "surface")
+"""Options that change nothing about a mix."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SimulateOptions:
     """Videos with their exact truth: matches, or a mix of single pictures to train networks on.
 
-    Writes OUT/videos/*.mp4 and the work folder OUT/work. Give --matches or --mix.
+    Writes OUT/videos/*.mp4, the work folder OUT/work, and OUT/dataset. Give --matches or --mix.
+    Exit codes: 0 all well; 3 a video failed, and the others are there; 4 all failed, or the disk is full.
     """
 
     out: Path
@@ -68,8 +79,7 @@ def main(argv: list[str]) -> int:
     import tyro
 
     options = tyro.cli(SimulateOptions, args=argv, prog="pgm simulate")
-    count, draw = _checked(options)
-    return _write(options, count, draw)
+    return _simulate(options, _work(options))
 
 
 def picture_size(resolution: str, default: tuple[int, int]) -> tuple[int, int]:
@@ -87,40 +97,55 @@ def picture_size(resolution: str, default: tuple[int, int]) -> tuple[int, int]:
     return width, height
 
 
-def _checked(options: SimulateOptions) -> tuple[int, Callable[[int], "Written"]]:
-    """How many videos, and what draws and writes the one of a number."""
-    from functools import partial
+def _work(options: SimulateOptions) -> "SimulateWork":
+    """What is asked for, checked."""
+    from pgm_data.simulate.folders import MatchFiles
+    from pgm_data.stages.simulate_run import SimulateWork
 
-    if (options.matches > 0) == (options.mix > 0):
-        raise option_error("--matches, --mix", expected="one of them above 0", got=f"{options.matches}, {options.mix}")
     if options.matches < 0 or options.mix < 0:
         raise option_error("--matches, --mix", expected="no negative number", got=f"{options.matches}, {options.mix}")
-    if options.matches > 1000:
-        raise option_error("--matches", expected="1 to 1000", got=options.matches)
-    if options.fps is not None and not 1.0 <= options.fps <= 240.0:
-        raise option_error("--fps", expected="1 to 240", got=options.fps)
-    if options.seed < 0:
-        raise option_error("--seed", expected="0 or more", got=options.seed)
-    if options.jobs < 0:
-        raise option_error("--jobs", expected="0 or more", got=options.jobs)
+    if (options.matches > 0) == (options.mix > 0):
+        raise option_error("--matches, --mix", expected="one of them above 0", got=f"{options.matches}, {options.mix}")
+    for name, value, low, high in (
+        ("--matches", options.matches, 0, 1000),
+        ("--mix", options.mix, 0, 10_000_000),
+        ("--fps", 25.0 if options.fps is None else options.fps, 1.0, 240.0),
+        ("--seed", options.seed, 0, 2**63 - 1),
+        ("--jobs", options.jobs, 0, 1024),
+    ):
+        if not low <= value <= high:
+            raise option_error(name, expected=f"{low:g} to {high:g}", got=value)
     scene = _scene(options.scene)
-    if options.mix:
-        from pgm_data.simulate.mix import MixOptions
+    mix = _mix(options, scene) if options.mix else None
+    return SimulateWork(
+        out=options.out,
+        scene=options.scene,
+        videos=mix or _clip(options, scene),
+        count=mix.videos if mix else options.matches,
+        files=MatchFiles(pictures=options.pictures, masks=options.masks),
+        dataset=options.dataset and not options.mix,
+        seed=options.seed,
+    )
 
-        width, height = picture_size(options.resolution, (640, 360))
-        if options.duplicates:
-            raise option_error("--duplicates", expected="--matches with it", got="--mix")
-        if scene.court is None:
-            raise option_error(
-                "--mix", expected="a scene with a court", got=f"{scene.name}, which has no court to draw"
-            )
-        if options.mix > 10_000_000:
-            raise option_error("--mix", expected="1 to 10000000", got=options.mix)
-        mix = MixOptions(pictures=options.mix, width=width, height=height, fps=options.fps or 25.0)
-        return mix.videos, partial(_mix_video, options, scene, mix)
 
+def _mix(options: SimulateOptions, scene: "Scene") -> "MixOptions":
+    from pgm_data.simulate.mix import MixOptions
+
+    _refuse_idle(options, MATCH_OPTIONS, "--matches with it", "--mix")
+    if scene.court is None:
+        raise option_error("--mix", expected="a scene with a court", got=f"{scene.name}, which has no court to draw")
+    width, height = picture_size(options.resolution, (640, 360))
+    return MixOptions(pictures=options.mix, width=width, height=height, fps=options.fps or 25.0)
+
+
+def _clip(options: SimulateOptions, scene: "Scene") -> "ClipOptions":
+    from pgm_data.simulate.clip import is_played
     from pgm_data.simulate.clip_options import ClipOptions
 
+    if scene.court is None:
+        _refuse_idle(options, BLOCKS_IDLE, "a scene with a court", scene.name)
+    elif not is_played(scene):
+        _refuse_idle(options, COURT_IDLE, "tennis with its two players and its ball", f"the scene {options.scene}")
     fps = options.fps or (20.0 if scene.court is None else 25.0)
     if not 0.0 < options.minutes <= 600.0 or round(options.minutes * 60 * fps) < 1:
         raise option_error("--minutes", expected="above 0, at least one frame, up to 600", got=options.minutes)
@@ -129,7 +154,7 @@ def _checked(options: SimulateOptions) -> tuple[int, Callable[[int], "Written"]]
     if options.wind is not None and not all(abs(speed) <= 60.0 for speed in options.wind):
         raise option_error("--wind", expected="-60 to 60 m/s", got=options.wind)
     width, height = picture_size(options.resolution, (1024, 576) if scene.court is None else (1280, 720))
-    clip = ClipOptions(
+    return ClipOptions(
         frames=round(options.minutes * 60 * fps),
         width=width,
         height=height,
@@ -142,7 +167,13 @@ def _checked(options: SimulateOptions) -> tuple[int, Callable[[int], "Written"]]
         wind_ms=options.wind,
         surface=None if options.surface == "any" else options.surface,
     )
-    return options.matches, partial(_match, options, scene, clip)
+
+
+def _refuse_idle(options: SimulateOptions, names: tuple[str, ...], expected: str, got: str) -> None:
+    """Refuse options that are given and would change nothing."""
+    for name in names:
+        if getattr(options, name) != getattr(SimulateOptions, name):
+            raise option_error(f"--{name}", expected=expected, got=got)
 
 
 def _scene(name: str) -> "Scene":
@@ -150,83 +181,50 @@ def _scene(name: str) -> "Scene":
 
     try:
         scene = load_scene(name)
-    except ValueError as error:
+    except (ValueError, OSError) as error:
         raise option_error("--scene", expected="a scene", got=error) from error
     if scene.court is None and scene.name != "blocks":
         raise option_error("--scene", expected="blocks or a scene with a court", got=f"{name}, which has no court")
     return scene
 
 
-def _mix_video(options: SimulateOptions, scene: "Scene", mix, video: int) -> "Written":
-    from pgm_data.simulate.folders import write_mix_video
-
-    _one_thread()
-    return write_mix_video(options.out, scene, mix, seed=options.seed, video=video, keep=options.resume)
-
-
-def _match(options: SimulateOptions, scene: "Scene", clip, match: int) -> "Written":
-    from pgm_data.simulate.folders import MatchFiles, write_match
-
-    _one_thread()
-    files = MatchFiles(pictures=options.pictures, masks=options.masks, keep=options.resume)
-    return write_match(options.out, scene, clip, files, seed=options.seed, match=match)
-
-
-def _one_thread() -> None:
-    import cv2
-
-    cv2.setNumThreads(1)
-
-
-def _write(options: SimulateOptions, count: int, draw: Callable[[int], "Written"]) -> int:
+def _simulate(options: SimulateOptions, work: "SimulateWork") -> int:
     from datetime import UTC, datetime
 
-    from pgm_data.dataset.documents import write_document
     from pgm_data.provenance import run_document
-    from pgm_data.simulate.folders import write_shots
+    from pgm_data.stages.simulate_run import OtherVideos, simulate_work
 
     from .output import prepare_output
 
     started = datetime.now(UTC)
-    with prepare_output(options.out, resume=options.resume, overwrite=options.overwrite):
-        progress = Progress(total=count)
-        written = []
-        try:
-            for video in _drawn(options, count, draw):
-                written.append(video)
-                name = video.video.removeprefix("../")
-                progress.finish(name, f"{name}: {len(video.clip_of)} frames")
-        finally:
-            progress.close()
-        written.sort(key=lambda video: video.video)
-        write_shots(options.out, _scene(options.scene), written)
-        inputs = [
-            {"path": video.video, "state": "done", "reason": "", "clips": video.clips, "seconds": None}
-            for video in written
-        ]
-        document = run_document(command="pgm simulate", options=options, started=started, inputs=inputs)
-        write_document(options.out / "work" / "run.json", "run", document)
-        if options.dataset and not options.mix:
-            from pgm_data.simulate.folders import pack_truth
-
-            pack_truth(options.out, _scene(options.scene), videos=options.pictures != "none")
-    return 0
-
-
-def _drawn(options: SimulateOptions, count: int, draw: Callable[[int], "Written"]) -> Iterator["Written"]:
+    progress = Progress(total=work.count, interval_s=5.0)
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    jobs = min(count, options.jobs or cores)
-    if jobs <= 1:
-        yield from map(draw, range(count))
-        return
-    from concurrent.futures import ProcessPoolExecutor, as_completed
-    from multiprocessing import get_context
+    try:
+        with prepare_output(options.out, resume=options.resume, overwrite=options.overwrite):
+            summary = simulate_work(
+                work,
+                workers=min(work.count, options.jobs or cores),
+                resume=options.resume,
+                tell=lambda event: _tell(progress, event),
+                run_document=lambda inputs: run_document(
+                    command="pgm simulate", options=options, started=started, inputs=inputs
+                ),
+            )
+    except OtherVideos as error:
+        raise UsageError(str(error)) from error
+    finally:
+        progress.close()
+    for outcome in summary.failed:
+        print_error(f"{outcome.name}: {outcome.reason}")
+    return 0 if not summary.failed else SOME_FAILED if len(summary.failed) < work.count else NOTHING_USABLE
 
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        waiting = [pool.submit(draw, number) for number in range(count)]
-        try:
-            for done in as_completed(waiting):
-                yield done.result()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+
+def _tell(progress: Progress, event: "JobEvent") -> None:
+    if event.kind == "progress" and event.detail is not None:
+        progress.update(event.name, event.share, f"frame {event.detail['progress']} of {event.detail['total']}")
+    elif event.kind == "done":
+        progress.finish(event.name, f"{event.name}: done")
+    elif event.kind == "skipped":
+        progress.finish(event.name, f"{event.name}: done before")
+    elif event.kind == "failed":
+        progress.finish(event.name, f"{event.name}: failed")

@@ -101,7 +101,7 @@ def load_scene(scene: str) -> Scene:
     """
     try:
         return scene_from_fields(yaml.safe_load(scene_text(scene)))
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ValueError(f"scene {scene}: expected YAML, got: {' '.join(str(error).split())}") from error
     except FieldError as error:
         raise ValueError(f"scene {scene}: {error}") from error

@@ -6,13 +6,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
+from pgm_data.court import Court
+from pgm_data.simulate.camera import pixels_of
 from pgm_data.simulate.play import Motion, waves
 from pgm_data.simulate.tennis.play import Play
-from pgm_data.simulate.views import Pose
+from pgm_data.simulate.views import Pose, broadcast_pose
 
 REPEAT_EVERY = 6
 """With repeats, the last of so many frames repeats the one before it."""
 KNOT_S = 0.02
+TIGHT = 0.12
+"""Share of matches whose picture may cut a player off."""
+ROOM_M = 2.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -99,6 +104,20 @@ class Operator:
     """Slow drift across and up, pixels."""
     shake_px: float
     seed: int
+
+
+def main_pose(rng: np.random.Generator, court: Court, size: tuple[int, int], *, cropped: bool) -> Pose:
+    """The main camera of a match, which mostly leaves room for both players behind their baselines."""
+    tight = rng.random() < TIGHT
+    length = float(np.abs(court.points_world[:, 1]).max())
+    ends = np.array([[0.0, -length - ROOM_M, 0.0], [0.0, length + ROOM_M, 2.2]])
+    for _ in range(60):
+        pose = broadcast_pose(rng, court, size, cropped=cropped)
+        view = pose.view(size)
+        feet, head = pixels_of(ends, view.K, view.k1, view.R_cam_from_world, view.t_cam_from_world)[:, 1]
+        if tight or (feet < size[1] - 1 and head > 0):
+            return pose
+    return pose
 
 
 def draw_operator(rng: np.random.Generator, motion: Motion, width: int) -> Operator:

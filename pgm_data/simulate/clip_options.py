@@ -30,7 +30,7 @@ class ClipOptions:
     shutter: float | None = None
     """Exposure as a share of the time between pictures, 0 to 1; by lot unless given."""
     wind_ms: tuple[float, float] | None = None
-    """Wind along x and y, m/s; a light one by lot unless given."""
+    """Wind along x and y, m/s; calm unless given."""
     surface: Literal["hard", "clay", "grass"] | None = None
     """Of a tennis court; by lot unless given."""
 

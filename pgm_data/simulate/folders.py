@@ -1,10 +1,11 @@
 """Fills an output folder: videos in `videos/`, their truth as a work folder in `work/`."""
 
+import re
 import shutil
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 
@@ -23,12 +24,16 @@ from pgm_data.simulate.truth_tables import write_states
 from pgm_data.simulate.views import View, track_of
 from pgm_data.video import write_video
 
+T = TypeVar("T")
 Pictures = Literal["none", "draft", "full"]
 MIX_LENS = "every picture has its own lens"
 CLIP_LENS = "the lens that drew the pictures: one radial term"
 AWAY = "the shot does not show the court"
 PARTS = Path(".pgm") / "shots"
-"""Where each finished video's rows of `shots.parquet` lie: what `--resume` goes by."""
+"""Where each finished video's rows of `shots.parquet` lie."""
+
+Said = Callable[[int, int], None]
+"""Told how many of a video's frames are done, now and then."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -56,8 +61,6 @@ class MatchFiles:
     """`none`: the tables alone."""
     masks: bool = False
     """Labels and depth of every frame beside the tables."""
-    keep: bool = False
-    """What an earlier run finished stays as it is."""
 
 
 def match_seed(seed: int, match: int) -> int:
@@ -65,18 +68,52 @@ def match_seed(seed: int, match: int) -> int:
     return int(np.random.SeedSequence([seed, match]).generate_state(1)[0])
 
 
-def write_match(out: Path, scene: Scene, options: ClipOptions, files: MatchFiles, *, seed: int, match: int) -> Written:
-    """Simulate and write one match with its truth.
+def match_name(scene: Scene, seed: int, match: int) -> str:
+    """What a match's video, and its clip if it has one only, are called."""
+    return f"{scene.name}_{seed}_{match:03d}"
+
+
+def mix_name(seed: int, video: int) -> str:
+    """What a video of the mix and its clip are called."""
+    return f"mix_{seed}_{video:04d}"
+
+
+def video_of(file: str) -> str:
+    """The name of the video to which a file or folder of that name belongs, whole or half written."""
+    return re.sub(r"(\.\d\d+)?(\.(mp4|parquet))?(\.\d+\.(tmp|part\.mp4))?$", "", file).removeprefix(".")
+
+
+def clear_video(out: Path, name: str) -> None:
+    """Delete all there is of one video, whole or half written."""
+    # The rows go first: without them the video counts as not written.
+    for folder in (out / PARTS, out / "videos", out / "work"):
+        for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+            if video_of(path.name) == name:
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+
+def nothing_said(done: int, total: int) -> None:
+    """For who does not ask."""
+
+
+def write_match(
+    out: Path,
+    scene: Scene,
+    options: ClipOptions,
+    files: MatchFiles,
+    *,
+    seed: int,
+    match: int,
+    said: Said = nothing_said,
+) -> Written:
+    """Simulate and write one match with its truth, in place of what there is of it.
 
     Without pictures the tables are the same and the video is absent.
     """
-    name = f"{scene.name}_{seed}_{match:03d}"
+    name = match_name(scene, seed, match)
+    clear_video(out, name)
     video = out / "videos" / f"{name}.mp4"
-    part = out / "work" / PARTS / f"{name}.parquet"
-    if files.keep and part.exists() and (video.exists() or files.pictures == "none"):
-        return _read_part(part)
-    part.unlink(missing_ok=True)
-    writer = _MatchWriter(out, scene, options, files, name)
+    writer = _MatchWriter(out, scene, options, files, name, said)
     shots = simulate_shots(scene, options, match_seed(seed, match))
     if files.pictures == "none":
         for shot in writer.named(shots):
@@ -91,16 +128,19 @@ def write_match(out: Path, scene: Scene, options: ClipOptions, files: MatchFiles
         timestamps=np.concatenate(writer.timestamps),
         clip_of=tuple(writer.clip_of),
     )
-    part.parent.mkdir(parents=True, exist_ok=True)
-    _write_rows(part, scene, written)
+    write_part(out, scene, written)
     return written
 
 
 class _MatchWriter:
     """Takes a match's shots one by one."""
 
-    def __init__(self, out: Path, scene: Scene, options: ClipOptions, files: MatchFiles, name: str) -> None:
+    def __init__(self, out: Path, scene: Scene, options: ClipOptions, files: MatchFiles, name: str, said: Said) -> None:
         self._out, self._scene, self._options, self._files, self._name = out, scene, options, files, name
+        self._said = said
+        # A frame is gone through once for its picture and once for its masks.
+        self._passes = max((files.pictures != "none") + files.masks, 1)
+        self._steps = 0
         self.timestamps: list[np.ndarray] = []
         self.clip_of: list[str] = []
         self._open: list[_Unfinished] = []
@@ -124,14 +164,32 @@ class _MatchWriter:
         """The pictures of all shots; the truth of each is written before its first."""
         for clip_id, shot in self.named(shots):
             self.add(clip_id, shot)
-            yield from shot.pictures()
+            yield from self._counted(shot.pictures())
+            self._reach(shot)
+
+    def _counted(self, frames: Iterator[T]) -> Iterator[T]:
+        """The frames of one pass, told of one by one."""
+        for frame in frames:
+            yield frame
+            self._steps += 1
+            self._said(self._steps // self._passes, self._options.frames)
+
+    def _reach(self, shot: SimulatedShot) -> None:
+        """All passes through the shot are over."""
+        frames = shot.first_frame + len(shot)
+        self._steps = frames * self._passes
+        self._said(frames, self._options.frames)
 
     def add(self, clip_id: str, shot: SimulatedShot) -> None:
         """Write the tables of one shot."""
         self.timestamps.append(shot.timestamps)
         self.clip_of += [clip_id] * len(shot)
-        if not clip_id:
-            return
+        if clip_id:
+            self._add_clip(clip_id, shot)
+        if self._files.pictures == "none":
+            self._reach(shot)
+
+    def _add_clip(self, clip_id: str, shot: SimulatedShot) -> None:
         folder = self._out / "work" / clip_id
         size = (self._options.width, self._options.height)
         write_camera_truth(
@@ -157,7 +215,7 @@ class _MatchWriter:
                 size=size,
             )
         if self._files.masks and shot.masks is not None:
-            write_masks(folder, shot.masks(), fps=self._options.fps)
+            write_masks(folder, self._counted(shot.masks()), fps=self._options.fps)
         people = () if shot.states is None else shot.states.players
         self._open.append(
             _Unfinished(
@@ -210,41 +268,52 @@ class _Unfinished:
     players: dict[str, dict[str, str | None]]
 
 
-def _read_part(part: Path) -> Written:
-    rows = read_table(part)
+def part_path(out: Path, name: str) -> Path:
+    """Where the rows of a finished video are."""
+    return out / PARTS / f"{name}.parquet"
+
+
+def read_part(out: Path, name: str) -> Written:
+    """What became of the frames of a video that was finished."""
+    rows = read_table(part_path(out, name))
     return Written(video=rows["video"][0], timestamps=rows["timestamp"], clip_of=tuple(rows["clip_id"]))
 
 
-def _write_rows(path: Path, scene: Scene, written: Written) -> None:
-    """One video's rows of the table of shots."""
-    clips = written.clip_of
+def write_part(out: Path, scene: Scene, written: Written) -> None:
+    """Note what became of a video's frames; after that it counts as finished."""
+    path = part_path(out, Path(written.video).stem)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    _write_rows(path, scene, written)
+
+
+def _write_rows(path: Path, scene: Scene, *videos: Written) -> None:
+    """The table of shots of some videos."""
+    clips = [c for w in videos for c in w.clip_of]
     write_table(
         path,
         table="shots",
         scene=scene,
         columns={
-            "video": [written.video] * len(clips),
-            "video_frame": np.arange(len(clips), dtype=np.int64),
-            "timestamp": written.timestamps,
+            "video": [w.video for w in videos for _ in w.clip_of],
+            "video_frame": np.concatenate([np.arange(len(w.clip_of), dtype=np.int64) for w in videos]),
+            "timestamp": np.concatenate([w.timestamps for w in videos]),
             "verdict": ["clip" if c else "other" for c in clips],
             "reason": ["" if c else AWAY for c in clips],
-            "clip_id": list(clips),
+            "clip_id": clips,
         },
     )
 
 
 def write_mix_video(
-    out: Path, scene: Scene, options: MixOptions, *, seed: int, video: int, keep: bool = False
+    out: Path, scene: Scene, options: MixOptions, *, seed: int, video: int, said: Said = nothing_said
 ) -> Written:
-    """Draw and write one video of the mix with its truth, the cameras last; with `keep`, a finished one stays."""
-    name = f"mix_{seed}_{video:04d}"
+    """Draw and write one video of the mix with its truth, in place of what there is of it."""
+    name = mix_name(seed, video)
+    clear_video(out, name)
     path = out / "videos" / f"{name}.mp4"
     folder = out / "work" / name
     count = options.pictures_of(video)
     times = np.arange(count) / options.fps
-    written = Written(video=f"../videos/{path.name}", timestamps=times, clip_of=(name,) * count)
-    if keep and path.exists() and (folder / "camera.parquet").exists():
-        return written
     path.parent.mkdir(parents=True, exist_ok=True)
     folder.mkdir(parents=True, exist_ok=True)
     views: list[View | None] = []
@@ -253,6 +322,7 @@ def write_mix_video(
         for picture, view in mix_pictures(scene, options, seed, video):
             views.append(view)
             yield picture
+            said(len(views), count)
 
     quality = int(np.random.default_rng([seed, video, 1]).integers(16, 31))
     write_video(path, pictures(), fps=options.fps, crf=quality, preset="superfast", gop=1)
@@ -270,6 +340,8 @@ def write_mix_video(
         lens_reason=MIX_LENS,
     )
     write_camera_truth(folder, clip_id=name, scene=scene, track=track, timestamps=times)
+    written = Written(video=f"../videos/{path.name}", timestamps=times, clip_of=(name,) * count)
+    write_part(out, scene, written)
     return written
 
 
@@ -289,19 +361,5 @@ def pack_truth(out: Path, scene: Scene, *, videos: bool) -> None:
 
 def write_shots(out: Path, scene: Scene, videos: Iterable[Written]) -> None:
     """`work/shots.parquet` of all videos."""
-    written = list(videos)
-    clips = [c for w in written for c in w.clip_of]
     (out / "work").mkdir(parents=True, exist_ok=True)
-    write_table(
-        out / "work" / "shots.parquet",
-        table="shots",
-        scene=scene,
-        columns={
-            "video": [w.video for w in written for _ in w.clip_of],
-            "video_frame": np.concatenate([np.arange(len(w.clip_of), dtype=np.int64) for w in written]),
-            "timestamp": np.concatenate([w.timestamps for w in written]),
-            "verdict": ["clip" if c else "other" for c in clips],
-            "reason": ["" if c else AWAY for c in clips],
-            "clip_id": clips,
-        },
-    )
+    _write_rows(out / "work" / "shots.parquet", scene, *videos)

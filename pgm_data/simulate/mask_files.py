@@ -11,6 +11,8 @@ from pgm_data.dataset.files import whole_file
 from pgm_data.simulate.shots import Masks
 
 LABELS, DEPTH = "labels.mkv", "depth.mkv"
+SAME_BYTES = {"fflags": "+bitexact"}
+"""Matroska gives each file and each track a random number otherwise."""
 DEPTH_UNIT_M = 0.002
 """Metres per step of the 16-bit depth; 0 stands for no depth, 65535 for 131.07 m and beyond."""
 
@@ -24,8 +26,8 @@ def write_masks(folder: Path, masks: Iterable[Masks], *, fps: float) -> None:
     rate = Fraction(fps).limit_denominator(1001)
     with whole_file(folder / LABELS) as labels, whole_file(folder / DEPTH) as depth:
         with (
-            av.open(f"file:{labels}", "w", format="matroska") as first,
-            av.open(f"file:{depth}", "w", format="matroska") as second,
+            av.open(f"file:{labels}", "w", format="matroska", options=SAME_BYTES) as first,
+            av.open(f"file:{depth}", "w", format="matroska", options=SAME_BYTES) as second,
         ):
             outputs = None
             for mask in masks:

@@ -33,7 +33,7 @@ def draw_clip(arguments: dict, report: Report) -> dict:
         duplicates=number % 4 == 3,
     )
     scene = load_scene(arguments["scene"])
-    files = MatchFiles(pictures="full", keep=True)
+    files = MatchFiles(pictures="full")
     written = write_match(Path(arguments["out"]), scene, options, files, seed=arguments["seed"], match=number)
     return {"video": written.video, "clips": list(written.clips)}
 

@@ -1,11 +1,11 @@
 """Trunk and arm of the racket's side as a chain of angles within human limits, and the angles that reach a pose.
 
-Everything here is a right-hander's, in the frame of the pelvis (x left, y up, z forward; metres, radians); a left-hander
-is the mirror image. A chain is three angles of the trunk and eleven of an arm, named by `CHAIN`:
-trunk `lean` forward, `turn` to the left, `side` to the right, shared alike by Torso, Spine and Chest; collar bone
-`raise`, `protract`; shoulder `elevate`, `across` (both from an arm held out, forward and a little down), `twist` inward;
-elbow `flex`; forearm `pronate`; wrist `flex` to the palm, `deviate` to the thumb; the racket in the hand `grip` about its
-shaft and `fingers`, the shaft towards the palm. The other arm is the same chain in the mirror.
+Everything here is a right-hander's, in the frame of the pelvis (x left, y up, z forward; metres, radians); a
+left-hander is the mirror image. A chain is three angles of the trunk and eleven of an arm, named by `CHAIN`: trunk
+`lean` forward, `turn` to the left, `side` to the right, shared alike by Torso, Spine and Chest; collar bone `raise`,
+`protract`; shoulder `elevate`, `across` (both from an arm held out, forward, a little down), `twist` inward; `elbow`;
+forearm `pronate`; wrist `flex` to the palm, `deviate` to the thumb; the racket in the hand `grip` about its shaft and
+`fingers`, the shaft towards the palm. The other arm is the same chain in the mirror.
 """
 
 import numba
@@ -120,7 +120,7 @@ def _misses(q, bones, aim, wants, weights, R, p, out):
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _descend(q, reference, low, high, ease, bones, aim, wants, weights, steps, drift):
-    """Damped least squares from q, in place; where `drift`, each step is as short as it can be and no reference pulls."""
+    """Damped least squares from q, in place; where `drift`, each step is as short as can be and no reference pulls."""
     n = len(q)
     R, p = np.empty((3, 3)), np.empty(3)
     miss, other = np.empty(12), np.empty(12)

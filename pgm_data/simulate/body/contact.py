@@ -14,7 +14,7 @@ from pgm_data.simulate.body.strokes import Swing, is_overhead
 
 _MIRROR = np.array([-1.0, 1.0, 1.0])
 _RATE_EASE = np.array([1.2, 3.0, 1.2, 1.5, 2.0, 8.0, 9.0, 11.0, 9.0, 10.0, 9.0, 6.0, 0.5, 0.5])
-"""How readily each angle moves faster or slower than its posture's way, so that the head goes along the swing, rad/s."""
+"""How readily each angle leaves its posture's way, so that the racket's head goes along the swing, rad/s."""
 _STILL_HANDS = 2.5
 """m/s: how readily both hands on the racket move at contact; they are rather the pivot about which it turns."""
 _FASTEST = np.array([8.0, 12.0, 8.0, 8.0, 8.0, 30.0, 30.0, 35.0, 32.0, 30.0, 32.0, 24.0, 3.0, 3.0])
@@ -25,8 +25,8 @@ _WEIGHTS = np.array([40.0, 1.6, 4.0, 0.0])
 _TOSS_WEIGHTS = np.array([40.0, 0.0, 1.5, 0.0])
 _TWO_HANDED_STEP_S = 0.03
 _LETS_GO_M = 0.02
-_TRUNK_GIVE = np.deg2rad([22.0, 24.0, 20.0])
-"""How far the trunk may leave a posture to meet the ball, radians."""
+_TRUNK_GIVE = {1: np.deg2rad([26.0, 36.0, 26.0]), 2: np.deg2rad([22.0, 22.0, 18.0])}
+"""How far the trunk may leave a posture to meet the ball with one or both hands, radians."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -147,8 +147,8 @@ def _met(swing: Swing, position, to_root, own, bones):
     nominal = swing.values[swing.hit, postures.RACKET]
     low, high = arms.inner_limits()
     trunk = slice(0, arms.TRUNK)
-    low[trunk] = np.maximum(low[trunk], nominal[trunk] - _TRUNK_GIVE)
-    high[trunk] = np.minimum(high[trunk], nominal[trunk] + _TRUNK_GIVE)
+    low[trunk] = np.maximum(low[trunk], nominal[trunk] - _TRUNK_GIVE[stroke.hands])
+    high[trunk] = np.minimum(high[trunk], nominal[trunk] + _TRUNK_GIVE[stroke.hands])
     shaft, palm = _wanted(swing, to_root[1], seen[1], own)
     wants = np.stack([seen[1], shaft, palm, np.zeros(3)])
     solved = arms.reach_pose(nominal, low, high, arms.EASE, bones, aim, wants, _WEIGHTS)
@@ -188,17 +188,16 @@ def _struck(held_by: int, q, calm, bones, aim, velocity) -> np.ndarray:
     rates = np.clip(calm, -_FASTEST, _FASTEST)
     free = np.ones(len(q), bool)
     # The angle that would be much too fast stays at its fastest and leaves the rest to the others.
-    for _ in range(len(q) - 3):
+    while True:
         W = np.zeros_like(cost)
         W[np.ix_(free, free)] = np.linalg.inv(cost[np.ix_(free, free)])
         change = W @ J.T @ np.linalg.solve(J @ W @ J.T + 1e-3 * np.eye(3), velocity - J @ rates)
         over = np.abs(rates + change) / _FASTEST
         worst = int(np.argmax(over))
-        if over[worst] <= 1.0 + 1e-9:
-            return rates + change
+        if over[worst] <= 1.0 + 1e-9 or free.sum() <= 3:
+            return np.clip(rates + change, -_FASTEST, _FASTEST)
         rates[worst] = np.sign(rates[worst] + change[worst]) * _FASTEST[worst]
         free[worst] = False
-    return np.clip(rates + change, -_FASTEST, _FASTEST)
 
 
 def _toss(swing: Swing, position, to_root, own, bones, rows, rates, k: int) -> None:

@@ -1,4 +1,4 @@
-"""A player's whole body at any time of a play: legs after the plan, arms and trunk after the strokes, eyes on the ball."""
+"""A player's whole body at any time of a play: legs after the plan, arms after the strokes, eyes on the ball."""
 
 from collections.abc import Callable
 
@@ -11,7 +11,7 @@ from pgm_data.simulate.body.contact import solved_course
 from pgm_data.simulate.body.figure import BodyTrack, Figure, smpl24, world_from_joints
 from pgm_data.simulate.body.keys import rise
 from pgm_data.simulate.body.legs import LowerBody, lower_body
-from pgm_data.simulate.body.schedule import Schedule, demand_at, schedule_of
+from pgm_data.simulate.body.schedule import demand_at, schedule_of
 from pgm_data.simulate.body.trunk import look_directions, neck_and_head
 from pgm_data.simulate.tennis.play import Plan, Stroke
 

@@ -267,10 +267,12 @@ POSTURES: dict[str, Posture] = {
 
 _REST = np.deg2rad([3, 0, -35, 5, 15, 60, 5, 0, -12, 0, -10.0])
 _WEIGHTS = np.array([40.0, 5.0, 2.5, 8.0])
-CHANNELS = 34
-"""Of a posture: 14 angles of the racket's chain, 14 of the other one, hips (turn, drop, lean, tilt to the left), hold."""
+# Channels of a posture: 14 angles of the chain of the racket, 14 of the other one, 4 of the hips, 2 of the hold.
 RACKET, OTHER, HIPS, HOLD = slice(0, 14), slice(14, 28), slice(28, 32), slice(32, 34)
-"""Hold: how firmly (0 to 1) the other hand holds the shaft, and how far from the racket hand, metres."""
+"""Hips: turn to the left, drop, lean forward, tilt to the left.
+
+Hold: how firmly (0 to 1) the other hand holds the shaft, and how far from the racket hand, metres.
+"""
 
 
 def shaft_points(
@@ -305,16 +307,17 @@ def angles(name: str) -> np.ndarray:
     racket = _arm(trunk, bones, np.stack([*wants, elbow]), posture.rest)
     mirror = np.array([-1.0, 1.0, 1.0])
     R, p = arms.hands(racket[None], bones)
-    if isinstance(posture.other, float):
-        place, along = p[0] + posture.other * (R[0] @ arms.SHAFT), R[0] @ arms.SHAFT
+    held = posture.other
+    if isinstance(held, tuple):
+        place, along, palm = _ahead(held, from_net), np.zeros(3), _unit(_ahead(posture.other_palm, from_net))
+    else:
+        place, along = p[0] + held * (R[0] @ arms.SHAFT), R[0] @ arms.SHAFT
         # Both palms face each other around the shaft.
         palm = R[0] @ np.array([0.0, 1.0, 0.0])
-    else:
-        place, along, palm = _ahead(posture.other, from_net), np.zeros(3), _unit(_ahead(posture.other_palm, from_net))
     pose = np.stack([mirror * place, mirror * along, mirror * palm, np.zeros(3)])
     other = _arm(trunk * np.array([1.0, -1.0, -1.0]), bones, pose, Posture.rest)
     hips = [np.deg2rad(posture.turn), posture.drop, np.deg2rad(posture.lean), np.deg2rad(posture.tilt)]
-    hold = [1.0, float(posture.other)] if isinstance(posture.other, float) else [0.0, THROAT_M]
+    hold = [0.0, THROAT_M] if isinstance(held, tuple) else [1.0, held]
     return np.concatenate([racket, other, hips, hold])
 
 

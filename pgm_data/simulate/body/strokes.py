@@ -45,7 +45,8 @@ _SMASH: Steps = (
 _SERVE_END: Steps = (("smite", 0.0), ("past", 0.10), ("across", 0.28), ("ready", 0.95))
 
 # How much of what the contact asks beyond its posture the steps around it share, by their distance from it.
-_SHARES_BEFORE, _SHARES_AFTER = (0.6, 0.3, 0.1), {1: (0.55, 0.2), 2: (0.3, 0.1)}
+_SHARES_BEFORE = {1: (0.6, 0.3, 0.1), 2: (0.35, 0.2, 0.1)}
+_SHARES_AFTER = {1: (0.55, 0.2), 2: (0.3, 0.1)}
 _RACKET_ON_ARM_M = 0.43
 """How much further than the knuckles of a straight arm the strings reach."""
 GRAVITY = 9.81
@@ -108,7 +109,7 @@ def swing_of(figure: Figure, stroke: Stroke, pelvis: Float[np.ndarray, " 2"], si
     _bend(figure, stroke, pelvis, values, shares)
     if stroke.hands == 1 and stroke.stretch > 0.4:
         # A far ball leaves the other hand behind.
-        values[shares >= _SHARES_BEFORE[0], postures.HOLD.start] = 0.0
+        values[shares >= _SHARES_BEFORE[1][0], postures.HOLD.start] = 0.0
     return Swing(
         stroke=stroke,
         times=stroke.time + offsets,
@@ -154,7 +155,7 @@ def _serve(stroke: Stroke) -> tuple[Steps, int]:
 def _shares(count: int, hit: int, hands: int) -> np.ndarray:
     shares = np.zeros(count)
     shares[hit] = 1.0
-    for k, share in enumerate(_SHARES_BEFORE):
+    for k, share in enumerate(_SHARES_BEFORE[hands]):
         if hit - 1 - k > 0:
             shares[hit - 1 - k] = share
     for k, share in enumerate(_SHARES_AFTER[hands]):
@@ -179,8 +180,8 @@ def _bend(figure: Figure, stroke: Stroke, pelvis: np.ndarray, values: np.ndarray
     # So low that the arm can reach the ball.
     up, rise = _shoulder(figure), _rise(figure, stroke, pelvis)
     most = up - 0.1 - rise - stroke.ball[2] - float(values[hit, postures.HIPS][1])
-    drop = min(max(drop, most), 0.42 * scale)
-    lean = np.deg2rad(22.0 * low + (14.0 if side < 0 else 5.0) * stroke.stretch)
+    drop = min(max(drop, most), 0.45 * scale)
+    lean = np.deg2rad(22.0 * low + (14.0 if side < 0 else 9.0) * stroke.stretch)
     tilt = -side * np.deg2rad((11.0 if side < 0 else 18.0) * stroke.stretch)
     values[:, postures.HIPS] += longer * np.array([-side * np.deg2rad(14.0) * stroke.stretch, drop, lean, tilt])
 
@@ -207,7 +208,7 @@ def _rise(figure: Figure, stroke: Stroke, pelvis: np.ndarray) -> float:
 
 def _hop(figure: Figure, stroke: Stroke, pelvis: np.ndarray, drop: float) -> float:
     """Height of the jump in which the arm is almost straight, metres."""
-    reach = _shoulder(figure) - 0.05 - 0.06 * stroke.stretch - drop + _rise(figure, stroke, pelvis)
+    reach = _shoulder(figure) - 0.05 - 0.11 * stroke.stretch - drop + _rise(figure, stroke, pelvis)
     return float(np.clip(stroke.ball[2] - reach, 0.03 if is_overhead(stroke) else 0.0, 0.7))
 
 

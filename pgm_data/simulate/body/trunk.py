@@ -37,10 +37,10 @@ def look_directions(
     place, heading = place_of(grid)
     to_ball = watched(grid) - np.column_stack([place, np.full(count, _EYES_ABOVE_GROUND * height_m)])
     ahead = np.stack([-np.sin(heading), np.cos(heading), np.full(count, -0.05)], axis=-1)
-    seen = np.isfinite(to_ball).all(axis=1)
-    distance = np.linalg.norm(np.where(seen[:, None], to_ball, 1.0), axis=1, keepdims=True)
+    seen = np.isfinite(to_ball).all(axis=1, keepdims=True)
+    distance = np.linalg.norm(np.where(seen, to_ball, 1.0), axis=1, keepdims=True)
     # A ball at the racket passes too fast for the eyes.
-    direction = np.where(seen[:, None], to_ball, ahead) / np.where(seen[:, None], np.maximum(distance, 1.4), 1.0)
+    direction = np.where(seen, to_ball, ahead) / np.where(seen, np.maximum(distance, 1.4), 1.0)
     kernel = np.hanning(2 * _SMOOTH_TICKS + 3)[1:-1]
     kernel /= kernel.sum()
     smooth = np.stack([np.convolve(c, kernel, mode="same") for c in direction.T], axis=-1)
@@ -63,8 +63,8 @@ def neck_and_head(look: Float[np.ndarray, "times 3"]) -> Float[np.ndarray, "time
     side, up, ahead = look.T
     flat = np.hypot(side, ahead)
     yaw = np.arctan2(side, ahead)
-    # Like the direction itself at small angles, at most 72 degrees, and back to 0 for what is right behind.
-    yaw = 1.25 * np.sin(yaw) - 0.125 * np.sin(2.0 * yaw)
+    # Like the direction itself at small angles, at most 69 degrees, and back to 0 for what is right behind.
+    yaw = 1.2 * np.sin(yaw) - 0.1 * np.sin(2.0 * yaw)
     # Straight above or below there is no sideways.
     steep = rise(flat / np.maximum(0.6 * np.linalg.norm(look, axis=1), 1e-9))
     pitch = np.arctan2(up, np.maximum(flat, 1e-9))

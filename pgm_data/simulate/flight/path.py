@@ -1,12 +1,11 @@
 """The course of a ball: flights between contacts, read at any time."""
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
-ContactKind = Literal["hit", "bounce", "net", "first", "last"]
+from pgm_data.simulate.states import EventKind
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -45,7 +44,7 @@ class Contact:
     """What starts or ends a flight."""
 
     time: float
-    kind: ContactKind
+    kind: EventKind
     player: int
     """0 near, 1 far; -1 where no player hit."""
     position: Float[np.ndarray, " 3"]

@@ -47,10 +47,12 @@ def draw_bystanders(
     hard: bool,
     players: bool,
     people: bool,
+    boxes: bool,
 ) -> tuple[Polygons, Polygons, list[tuple[np.ndarray, float]], np.ndarray | None]:
     """People, if wanted, and furniture beyond the net and before it, who stands on the ground, and the umpire's seat.
 
-    Who stands: (place, height) of each. The seat is None where there is no high chair.
+    Who stands: (place, height) of each. The seat is None where there is no high chair. With `boxes` crates of all sorts
+    stand at the sides.
 
     `area` is the half width and half length of the space and the floor's height, `walls` the half width and half length
     between the hoardings, metres.
@@ -97,7 +99,7 @@ def draw_bystanders(
             x, y = side * wall_x * rng.uniform(0.75, 0.97), rng.uniform(-0.8, 0.8) * half_y
             figures = cast.seated if rng.random() < 0.5 else cast.standing
             put(pick(figures), x, y, clothes.staff() if rng.random() < 0.6 else clothes.anyone(), 1.75)
-        for _ in range(int(rng.integers(0, 6))):
+        for _ in range(int(rng.integers(0, 6)) if boxes else 0):
             low = np.array([side * wall_x * rng.uniform(0.72, 0.95), rng.uniform(-0.7, 0.7) * half_y, floor_z])
             size = rng.uniform(0.3, 1.6, 3) * [1.0, 1.2, 0.7]
             shapes = crate(low, size, muted(rng), centre_world)

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from pgm_data.simulate.pictures.exposed import exposed
 from pgm_data.simulate.pictures.textures import FONTS, random_word
 
 
@@ -68,6 +69,8 @@ def draw_finish(rng: np.random.Generator, width: int, height: int, *, hard: bool
     curve = (values**gamma)[:, None] * contrast * cast + lift
     kind = rng.random()
     blur = abs(rng.normal(0, 0.45)) * unit if kind < 0.7 else (rng.uniform(0.5, 1.5) * unit if hard else 0.0)
+    if not hard:  # no broadcaster sends a picture out of focus
+        blur = min(blur, 0.42 * unit)
     finish = Finish(
         table=np.clip(255.0 * curve[None], 0, 255).astype(np.uint8),
         grey=float(rng.uniform(0, 1) ** 2) if rng.random() < (0.3 if hard else 0.1) else 0.0,
@@ -138,9 +141,6 @@ def finished(
 ) -> UInt8[np.ndarray, "height width 3"]:
     """The picture with its flaws; `grain` is larger than the picture by 64 and read from `shift` (down, right)."""
     height, width = picture.shape[:2]
-    if finish.vignette > 0:
-        y, x = np.linspace(-1, 1, height, dtype=np.float32)[:, None], np.linspace(-1, 1, width, dtype=np.float32)[None]
-        picture = picture * (1.0 - np.float32(0.5 * finish.vignette) * (x * x + y * y))[..., None]
     if finish.blur_px > 0:
         picture = cv2.GaussianBlur(picture, (0, 0), finish.blur_px)
     if finish.smear_px > 0:
@@ -149,21 +149,18 @@ def finished(
         less = (int(width / finish.shrink), int(height / finish.shrink))
         small = cv2.resize(picture, less, interpolation=cv2.INTER_AREA)
         picture = cv2.resize(small, (width, height), interpolation=cv2.INTER_LINEAR)
-    if finish.noise > 0:
-        tile = grain[shift[0] : shift[0] + height, shift[1] : shift[1] + width]
-        picture = cv2.scaleAdd(np.ascontiguousarray(tile), finish.noise, np.ascontiguousarray(picture))
-    image = cv2.LUT(_bytes(picture), finish.table)
+    picture = np.ascontiguousarray(picture, dtype=np.float32)
+    image = np.empty((height, width, 3), np.uint8)
+    exposed(picture, grain, shift[0], shift[1], finish.noise, finish.vignette, finish.table[0], image)
     if finish.sharpen > 0:
         image = cv2.addWeighted(image, 1.0 + finish.sharpen, cv2.GaussianBlur(image, (0, 0), 1.0), -finish.sharpen, 0.0)
     if finish.grey > 0:
         grey = cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
         image = cv2.addWeighted(image, 1.0 - finish.grey, grey, finish.grey, 0.0)
     if finish.overlay is not None:
-        paint, opacity = finish.overlay
-        rows, columns = np.flatnonzero(opacity.any(axis=(1, 2))), np.flatnonzero(opacity.any(axis=(0, 2)))
-        if len(rows):
-            part = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-            image[part] = (image[part] * (1.0 - opacity[part]) + paint[part] * opacity[part]).astype(np.uint8)
+        for part in _patches(finish.overlay[1]):
+            paint, opacity = finish.overlay[0][part], finish.overlay[1][part]
+            image[part] = (image[part] * (1.0 - opacity) + paint * opacity).astype(np.uint8)
     down, across = finish.bars
     if down:
         image[:down], image[-down:] = 0, 0
@@ -180,5 +177,16 @@ def _compressed(image: np.ndarray, quality: int) -> np.ndarray:
     return decoded
 
 
-def _bytes(picture: np.ndarray) -> np.ndarray:
-    return np.clip(picture + np.float32(0.5), 0.0, 255.0).astype(np.uint8)
+def _patches(opacity: np.ndarray) -> list[tuple[slice, slice]]:
+    """Boxes that hold all that is opaque: bands of rows, and in each of them the columns in use."""
+    patches = []
+    for top, bottom in _runs(opacity.any(axis=(1, 2))):
+        for left, right in _runs(opacity[top:bottom].any(axis=(0, 2))):
+            patches.append(np.s_[top:bottom, left:right])
+    return patches
+
+
+def _runs(used: np.ndarray) -> list[tuple[int, int]]:
+    """Start and end of every stretch of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], used, [False]]).astype(np.int8)))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]

@@ -1,6 +1,6 @@
 """Umpire, line judges and ball kids: bodies that stand, crouch or sit about the court."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -40,7 +40,7 @@ def draw_officials(
     """
     half_x, half_y = half_size
     wall_x, wall_y = walls
-    line_judges, kids = bool(rng.random() < 0.6), bool(rng.random() < 0.9)
+    line_judges, kids = bool(rng.random() < 0.5), bool(rng.random() < 0.9)
     places: list[tuple[Role, float, float]] = []
     aside = min(wall_x - 0.6, 0.75 * half_x)
 
@@ -48,15 +48,16 @@ def draw_officials(
         places.append((role, float(x), float(y)))
 
     if line_judges:
-        for x in rng.choice([-4.1, -1.6, 0.0, 1.6, 4.1], 3, replace=False):
-            place("line_judge", x, wall_y - 0.9)
+        for x in ((-4.1, 0.0, 4.1), (-5.5, 5.5), (-4.1, 4.1))[int(rng.integers(3))]:
+            place("line_judge", x + rng.normal(0, 0.2), wall_y - rng.uniform(0.5, 0.9))
         for side in (-1.0, 1.0):
-            place("line_judge", side * (wall_x - 0.8), rng.uniform(-0.7, 0.7) * half_y)
+            place("line_judge", side * (wall_x - 0.6), rng.choice([-1.0, 1.0]) * rng.uniform(0.32, 0.65) * half_y)
     if kids:
         for side in (-1.0, 1.0):
             place("ball_kid", side * aside, wall_y - 0.7)
             place("ball_kid", side * aside, 0.7 - wall_y)
-            if rng.random() < 0.7:
+            # Not where the umpire's chair stands.
+            if rng.random() < 0.7 and (seat is None or seat[0] * side < 0.0):
                 place("ball_kid", side * min(wall_x - 0.6, 6.9), 0.25)
     looks = {role: draw_look(rng, role, white=False) for role in ("umpire", "line_judge", "ball_kid")}
     bodies: dict[Role, list[tuple[Figure, SkinnedBody]]] = {}
@@ -66,12 +67,24 @@ def draw_officials(
         body = build_body(figure, looks["umpire"], racket=False, detail="coarse")
         people.append(_sitting(rng, seat, figure, body))
     for role, x, y in places:
-        # Two builds a role are enough: nobody sees more at this size.
+        # Three people a role, in one uniform, are enough: nobody sees more at this size.
         known = bodies.setdefault(role, [])
-        if len(known) < 2:
-            figure = _shorter(draw_figure(rng, "right"), 0.87 if role == "ball_kid" else 0.97)
-            known.append((figure, build_body(figure, looks[role], racket=False, detail="coarse")))
-        people.append(_standing(rng, np.array([x, y, 0.0]), *known[int(rng.integers(len(known)))], role))
+        if len(known) < 3:
+            figure = _shorter(draw_figure(rng, "right"), rng.uniform(0.8, 0.9) if role == "ball_kid" else 0.97)
+            person = draw_look(rng, role, white=False)
+            look = replace(
+                looks[role],
+                build=person.build,
+                skin=person.skin,
+                hair=person.hair,
+                hair_colour=person.hair_colour,
+                beard=person.beard,
+                headwear=person.headwear,
+            )
+            known.append((figure, build_body(figure, look, racket=False, detail="coarse")))
+        people.append(
+            _standing(rng, np.array([x, y, 0.0]), *known[-1 if len(known) < 3 else int(rng.integers(3))], role)
+        )
     return tuple(people)
 
 

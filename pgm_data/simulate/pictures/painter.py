@@ -14,6 +14,8 @@ NEAR_M = 0.2
 PIECE_PX = 14.0
 MAX_CORNERS = 96
 FINE = 3
+SOFTER = 0.4
+"""How many halvings a texture seen from afar is taken smaller than its pixels need: fine patterns do not flicker."""
 
 
 _kernel = numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -231,20 +233,41 @@ def paint_fine(image, layer, cover, polygons, starts, colour, alphas, view, limi
 
 
 @_kernel
-def paint_texture(image, cover, polygon, view, limits, straight, uv_from_ray, texture, base, gain, alpha, by_mask):
+def _read(texture, top, rows, columns, u, v, k):
+    """One channel of a picture that repeats, between its pixels; it fills these rows and columns from row `top` on."""
+    iu, iv = int(math.floor(u)), int(math.floor(v))
+    du, dv = np.float32(u - iu), np.float32(v - iv)
+    u0, v0, u1, v1 = iu & (columns - 1), iv & (rows - 1), (iu + 1) & (columns - 1), (iv + 1) & (rows - 1)
+    return (1 - dv) * ((1 - du) * texture[top + v0, u0, k] + du * texture[top + v0, u1, k]) + dv * (
+        (1 - du) * texture[top + v1, u0, k] + du * texture[top + v1, u1, k]
+    )
+
+
+@_kernel
+def paint_texture(
+    image, cover, polygon, view, limits, straight, uv_from_ray, texture, base, gain, alpha, by_mask, smaller
+):
     """Paints one polygon with `base + gain * texture`, in place.
 
     `uv_from_ray` (3, 3) takes the pinhole ray (x, y, 1), kept per pixel in `straight` (H, W, 2), to texture pixels;
     the texture, whose sides are powers of two, repeats. With `by_mask` its first channel (0 to 255) is the weight and
-    the colour is `base`.
+    the colour is `base`. `smaller` holds the texture at a half, a quarter and so on, one below the other, for where
+    it is seen from afar; none if empty.
     """
     first = np.empty((MAX_CORNERS + 12, 3))
     second = np.empty((MAX_CORNERS + 12, 3))
     box = np.zeros(4, dtype=np.int64)
     if not _cover(cover, box, polygon, view, limits, first, second):
         return
-    wrap_u, wrap_v = texture.shape[1] - 1, texture.shape[0] - 1
+    rows, columns = texture.shape[0], texture.shape[1]
+    channels = 1 if by_mask else 3
+    levels, total_rows = 0, 0
+    while total_rows + (rows >> (levels + 1)) <= smaller.shape[0] and (rows >> (levels + 1)) > 0:
+        levels += 1
+        total_rows += rows >> levels
     H = uv_from_ray
+    step_x, step_y = 1.0 / (view[0] * view[0]), 1.0 / (view[1] * view[1])
+    value = np.empty(3, np.float32)
     for row in range(box[1], box[3]):
         total = np.float32(0.0)
         for column in range(box[0], box[2]):
@@ -253,35 +276,47 @@ def paint_texture(image, cover, polygon, view, limits, straight, uv_from_ray, te
             if weight <= 1e-3:
                 continue
             x, y = straight[row, column, 0], straight[row, column, 1]
-            w = H[2, 0] * x + H[2, 1] * y + H[2, 2]
-            u = (H[0, 0] * x + H[0, 1] * y + H[0, 2]) / w
-            v = (H[1, 0] * x + H[1, 1] * y + H[1, 2]) / w
+            w = 1.0 / (H[2, 0] * x + H[2, 1] * y + H[2, 2])
+            u = (H[0, 0] * x + H[0, 1] * y + H[0, 2]) * w
+            v = (H[1, 0] * x + H[1, 1] * y + H[1, 2]) * w
             if not (abs(u) < 1e7 and abs(v) < 1e7):
                 continue
-            iu, iv = int(math.floor(u)), int(math.floor(v))
-            du, dv = np.float32(u - iu), np.float32(v - iv)
-            u0, v0, u1, v1 = iu & wrap_u, iv & wrap_v, (iu + 1) & wrap_u, (iv + 1) & wrap_v
-            w00, w01 = (1 - du) * (1 - dv), du * (1 - dv)
-            w10, w11 = (1 - du) * dv, du * dv
+            # Texture pixels that one pixel of the picture covers, squared: the mean of both directions.
+            ux, vx = (H[0, 0] - u * H[2, 0]) * w, (H[1, 0] - v * H[2, 0]) * w
+            uy, vy = (H[0, 1] - u * H[2, 1]) * w, (H[1, 1] - v * H[2, 1]) * w
+            size = 0.5 * ((ux * ux + vx * vx) * step_x + (uy * uy + vy * vy) * step_y)
+            level = min(max(0.5 * math.log2(size) + SOFTER, 0.0), float(levels)) if size > 0.5 else 0.0
+            low = min(int(level), levels)
+            part = np.float32(level - low)
+            for k in range(channels):
+                if low == 0:
+                    value[k] = _read(texture, 0, rows, columns, u, v, k)
+                else:
+                    scale = 0.5**low
+                    top = rows - (rows >> (low - 1))
+                    value[k] = _read(
+                        smaller, top, rows >> low, columns >> low, (u + 0.5) * scale - 0.5, (v + 0.5) * scale - 0.5, k
+                    )
+                if part > 0.0:
+                    scale = 0.5 ** (low + 1)
+                    top = rows - (rows >> low)
+                    other = _read(
+                        smaller,
+                        top,
+                        rows >> (low + 1),
+                        columns >> (low + 1),
+                        (u + 0.5) * scale - 0.5,
+                        (v + 0.5) * scale - 0.5,
+                        k,
+                    )
+                    value[k] += part * (other - value[k])
             if by_mask:
-                value = (
-                    w00 * texture[v0, u0, 0]
-                    + w01 * texture[v0, u1, 0]
-                    + w10 * texture[v1, u0, 0]
-                    + w11 * texture[v1, u1, 0]
-                )
-                weight *= value / np.float32(255.0)
+                weight *= value[0] / np.float32(255.0)
                 for k in range(3):
                     image[row, column, k] += weight * (base[k] - image[row, column, k])
             else:
                 for k in range(3):
-                    value = (
-                        w00 * texture[v0, u0, k]
-                        + w01 * texture[v0, u1, k]
-                        + w10 * texture[v1, u0, k]
-                        + w11 * texture[v1, u1, k]
-                    )
-                    image[row, column, k] += weight * (base[k] + gain[k] * value - image[row, column, k])
+                    image[row, column, k] += weight * (base[k] + gain[k] * value[k] - image[row, column, k])
     _clear(cover, box)
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -166,10 +167,37 @@ def blob_shadow(
     return [(np.concatenate([s, z], axis=1), np.zeros(3), strength) for s in shapes]
 
 
-def crate(low: np.ndarray, size: np.ndarray, colour: np.ndarray, centre_world: np.ndarray) -> Polygons:
-    """The faces of an upright box that this camera sees, shaded."""
+def crate(
+    low: np.ndarray,
+    size: np.ndarray,
+    colour: np.ndarray,
+    centre_world: np.ndarray,
+    thrown: np.ndarray | None = None,
+) -> Polygons:
+    """The faces of an upright box that this camera sees, shaded; by a sun that throws shadows along `thrown` if given.
+
+    `thrown` is the ground vector by which one metre of height is thrown.
+    """
     x0, y0, z0 = low
     x1, y1, z1 = low + size
+    if thrown is not None:
+        colour = np.minimum(colour, 215.0)
+        sun = np.array([-thrown[0], -thrown[1], 1.0]) / np.sqrt(1.0 + float(thrown @ thrown))
+        shade = {(axis, sign): 0.55 + 0.5 * max(0.0, sign * float(sun[axis])) for axis in (0, 1) for sign in (-1, 1)}
+        side = -1 if centre_world[0] < x0 else 1
+        end = -1 if centre_world[1] < y0 else 1
+        faces = []
+        if centre_world[0] < x0 or centre_world[0] > x1:
+            x = x0 if side < 0 else x1
+            face = np.array([[x, y0, z0], [x, y1, z0], [x, y1, z1], [x, y0, z1]])
+            faces.append((face, shade[0, side] * colour, 1.0))
+        y = y0 if end < 0 else y1
+        face = np.array([[x0, y, z0], [x1, y, z0], [x1, y, z1], [x0, y, z1]])
+        faces.append((face, shade[1, end] * colour, 1.0))
+        if centre_world[2] > z1:
+            top = np.array([[x0, y0, z1], [x1, y0, z1], [x1, y1, z1], [x0, y1, z1]])
+            faces.append((top, (0.6 + 0.55 * sun[2]) * colour, 1.0))
+        return polygons(faces)
     shapes = []
     if centre_world[0] < x0:
         shapes.append((np.array([[x0, y0, z0], [x0, y1, z0], [x0, y1, z1], [x0, y0, z1]]), 0.6 * colour, 1.0))
@@ -181,6 +209,15 @@ def crate(low: np.ndarray, size: np.ndarray, colour: np.ndarray, centre_world: n
         top = np.array([[x0, y0, z1], [x1, y0, z1], [x1, y1, z1], [x0, y1, z1]])
         shapes.append((top, np.minimum(1.1 * colour, 255), 1.0))
     return polygons(shapes)
+
+
+def crate_shadow(low: np.ndarray, size: np.ndarray, thrown: np.ndarray) -> np.ndarray:
+    """Corners of the shadow of an upright box on the ground at the height of z = 0, metres."""
+    x0, y0, z0 = low
+    foot = np.array([[x0, y0], [x0 + size[0], y0], [x0 + size[0], y0 + size[1]], [x0, y0 + size[1]]])
+    ends = np.concatenate([foot + z0 * thrown, foot + (z0 + size[2]) * thrown])
+    hull = cv2.convexHull(ends.astype(np.float32))[:, 0].astype(float)
+    return np.concatenate([hull, np.zeros((len(hull), 1))], axis=1)
 
 
 def by_distance(things: Sequence[tuple[float, Polygons]]) -> Polygons:

@@ -87,6 +87,7 @@ class Brush:
     def net(self, world: World) -> None:
         """Posts, mesh, tape and what is written on them."""
         self.flat(world.net)
+        self._textured(world.mesh)
         self._exact(world.tape)
         self._textured(world.net_words)
 
@@ -119,6 +120,7 @@ class Brush:
                 plane.gain,
                 plane.alpha,
                 plane.by_mask,
+                plane.smaller,
             )
 
 

@@ -188,15 +188,20 @@ def draw_triangles(meshes: Mesh | Sequence[Mesh], view: View, size: tuple[int, i
 
 
 def shadow(
-    mesh: Mesh, thrown: Float[np.ndarray, " 2"], floor_z: float, view: View, size: tuple[int, int], samples: int
+    vertices: Float[np.ndarray, "vertices 3"],
+    triangles: Int[np.ndarray, "triangles 3"],
+    thrown: Float[np.ndarray, " 2"],
+    floor_z: float,
+    view: View,
+    size: tuple[int, int],
+    samples: int,
 ) -> Sprite | None:
-    """The mesh's shadow on the floor, black; `thrown` is the ground vector by which one metre of height is thrown."""
-    flat = np.empty_like(mesh.vertices)
-    flat[:, :2] = mesh.vertices[:, :2] + np.maximum(mesh.vertices[:, 2:] - floor_z, 0.0) * thrown
+    """The shadow of triangles on the floor, black; `thrown`: the ground vector by which a metre of height is thrown."""
+    flat = np.empty_like(vertices)
+    flat[:, :2] = vertices[:, :2] + np.maximum(vertices[:, 2:] - floor_z, 0.0) * thrown
     flat[:, 2] = floor_z
     black = np.zeros((len(flat), 3), np.float32)
-    fallen = Mesh(vertices=flat, triangles=mesh.triangles, colours=black, opacity=mesh.opacity)
-    return draw_triangles(fallen, view, size, samples)
+    return draw_triangles(Mesh(vertices=flat, triangles=triangles, colours=black), view, size, samples)
 
 
 def over(image: Float32[np.ndarray, "height width 3"], sprite: Sprite | None) -> None:

@@ -58,7 +58,7 @@ def draw_board_style(rng: np.random.Generator) -> BoardStyle:
     back = rng.uniform(5, 90, 3) if dark else rng.uniform(200, 250, 3)
     low = rng.random() < 0.65
     return BoardStyle(
-        names=(random_word(rng, 4, 9).upper(), random_word(rng, 4, 9).upper()),
+        names=(random_word(rng, 4, 9), random_word(rng, 4, 9)),
         corner=(float(rng.uniform(0.03, 0.06)), float(rng.uniform(0.83, 0.88) if low else rng.uniform(0.04, 0.07))),
         row=float(rng.uniform(0.032, 0.042)),
         back=_colour(back),
@@ -66,7 +66,7 @@ def draw_board_style(rng: np.random.Generator) -> BoardStyle:
         accent=_colour(rng.uniform(30, 255, 3)),
         opacity=float(rng.uniform(0.8, 1.0)),
         font=int(FONTS[int(rng.integers(2))]),
-        mark=random_word(rng, 2, 6).upper(),
+        mark=random_word(rng, 2, 6),
         mark_corner=(float(rng.uniform(0.84, 0.9)), float(rng.uniform(0.05, 0.08))),
         mark_opacity=float(rng.uniform(0.0, 0.9)) if rng.random() < 0.8 else 0.0,
         board=bool(rng.random() < 0.9),

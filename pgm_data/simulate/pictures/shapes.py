@@ -2,9 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import pairwise
 
+import cv2
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
@@ -46,6 +47,19 @@ class Plane:
     alpha: float
     by_mask: bool
     """Whether the texture is the opacity of the colour `base`."""
+
+    @cached_property
+    def smaller(self) -> UInt8[np.ndarray, "rows columns channels"]:
+        """The texture at a half, a quarter and so on, one below the other, down to two pixels."""
+        rows, columns, channels = self.texture.shape
+        stack = np.zeros((rows - 1, max(columns // 2, 1), channels), np.uint8)
+        part, top = self.texture, 0
+        while min(part.shape[:2]) >= 4:
+            half = cv2.resize(part, (part.shape[1] // 2, part.shape[0] // 2), interpolation=cv2.INTER_AREA)
+            part = half.reshape(part.shape[0] // 2, part.shape[1] // 2, channels)
+            stack[top : top + part.shape[0], : part.shape[1]] = part
+            top += part.shape[0]
+        return stack[:top]
 
 
 def polygons(shapes: Sequence[tuple[np.ndarray, np.ndarray | Sequence[float], float]]) -> Polygons:
@@ -148,6 +162,10 @@ def _box(i: int, ends: np.ndarray, widths: np.ndarray, lies_on_x: np.ndarray) ->
     return (*span, *edges) if axis == 0 else (*edges, *span)
 
 
+CORD_M = 0.045
+"""From one cord of a net to the next."""
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class NetLook:
     """How the net is drawn."""
@@ -204,6 +222,41 @@ def net_polygons(court: Court, look: NetLook, floor_z: float) -> tuple[Polygons,
         shapes.append((strap, look.tape, 0.95))
     band(0.0, court.tape_width, look.tape, 0.97)
     return net, polygons(shapes)
+
+
+def net_mesh(court: Court, look: NetLook) -> tuple[Plane, ...]:
+    """The net's cords: as dark on the whole as `look.mesh_alpha`, single cords where they are seen from near."""
+    top = court.net_world
+    if len(top) < 2:
+        return ()
+    low = net_bottom(court, top[:, 0], top[:, 2])
+    cell, cords = 16, 4
+    tile = np.zeros((cell, cell), np.uint8)
+    tile[:3], tile[:, :3] = 255, 255
+    share = float(tile.mean()) / 255.0
+    # Dense nets have no holes that are quite free.
+    tile = np.maximum(tile, np.uint8(255.0 * max(0.0, (look.mesh_alpha - share) / (1.0 - share))))
+    mask = np.tile(tile, (cords, cords))[..., None]
+    step = CORD_M / cell
+    planes = []
+    for i in range(len(top) - 1):
+        corners = np.array([top[i], top[i + 1], [*top[i + 1, :2], low[i + 1]], [*top[i, :2], low[i]]])
+        along = top[i + 1] - top[i]
+        along = np.array([along[0], along[1], 0.0]) / np.hypot(along[0], along[1])
+        planes.append(
+            Plane(
+                corners=corners,
+                origin=top[i] * np.array([1.0, 1.0, 0.0]),
+                right=step * along,
+                down=np.array([0.0, 0.0, -step]),
+                texture=mask,
+                base=look.mesh,
+                gain=np.zeros(3),
+                alpha=min(1.0, look.mesh_alpha / share),
+                by_mask=True,
+            )
+        )
+    return tuple(planes)
 
 
 def _upright(x: float, y: float, low: float, high: float, half: float) -> np.ndarray:

@@ -12,7 +12,7 @@ from pgm_data.simulate.body.figure import Figure
 from pgm_data.simulate.body.racket import TIP_M
 from pgm_data.simulate.camera import pixels_of
 from pgm_data.simulate.pictures.ball_streak import ball_shadow, ball_streak
-from pgm_data.simulate.pictures.body_mesh import Light, SkinnedBody, build_body, drawn_body
+from pgm_data.simulate.pictures.body_mesh import Light, SkinnedBody, build_body, drawn_body, posed
 from pgm_data.simulate.pictures.looks import draw_look
 from pgm_data.simulate.pictures.negative import Props
 from pgm_data.simulate.pictures.officials import Official, draw_officials
@@ -81,16 +81,24 @@ def draw_stage(
     if fine:
         world = replace(world, lines=in_pieces(world.lines, PIECE_M), tape=in_pieces(world.tape, PIECE_M))
     white = surface == "grass" and bool(rng.random() < 0.7)
+    looks = [draw_look(rng, "player", white=white) for _ in figures]
     bodies = tuple(
-        build_body(figure, draw_look(rng, "player", white=white), racket=True, detail="fine" if fine else "coarse")
-        for figure in figures
+        build_body(figure, look, racket=True, detail="fine" if fine else "coarse")
+        for figure, look in zip(figures, looks, strict=True)
     )
+    # A shadow's outline needs few triangles.
+    casters = bodies
+    if fine:
+        casters = tuple(
+            build_body(figure, look, racket=True, detail="coarse") for figure, look in zip(figures, looks, strict=True)
+        )
     return Stage(
         scene=scene,
         world=world,
         canvas=Canvas(props.canvas.width, props.canvas.height, fine=fine),
         noise=props.textures.noise,
         bodies=bodies,
+        casters=casters,
         officials=draw_officials(rng, court.surface_half_size, world.walls, world.seat),
         samples=3 if fine else 2,
     )
@@ -107,14 +115,19 @@ class Stage:
         canvas: Canvas,
         noise: np.ndarray,
         bodies: tuple[SkinnedBody, ...],
+        casters: tuple[SkinnedBody, ...],
         officials: tuple[Official, ...],
         samples: int,
     ) -> None:
         self._scene, self._canvas, self._noise = scene, canvas, noise
+        self._casters = casters
         self._bodies, self._officials, self._samples = bodies, officials, samples
         self._size = (canvas.width, canvas.height)
         self._radius = 0.0 if scene.ball is None else scene.ball.radius_m
         self._light = light_of(world)
+        self._shaded = replace(self._light, sun=0.25 * self._light.sun)
+        # One sharp shadow shows its steps; of four faint ones nobody sees them.
+        self._shadow_samples = 2 if canvas.fine and len(world.thrown) == 1 else 1
         self._front = world.front
         self._world = replace(world, front=polygons([]))
         self._wide = None if canvas.fine else WideBackdrop(self._size)
@@ -172,13 +185,30 @@ class Stage:
         """A player's sprite; its shadow is taken from the picture at once."""
         middle = len(actor.R_world) // 2
         still = self._mesh(view, actor, middle)
-        for thrown, strength in self._world.thrown:
-            darken(self._canvas.image, shadow(still, thrown, 0.0, view, self._size, 1), strength)
+        caster = self._casters[actor.person]
+        vertices, _ = posed(caster, actor.R_world[middle], actor.t_world[middle])
+        self._shade(view, vertices, caster.triangles[caster.opacity > 0.5])
         meshes = [still]
         if self._blurs(view, actor):
             meshes = [self._mesh(view, actor, i) for i in range(len(actor.R_world))]
         sprite = blurred([draw_triangles(mesh, view, self._size, self._samples) for mesh in meshes])
         return [] if sprite is None else [(actor.t_world[middle, 0], sprite)]
+
+    def _shade(self, view: View, vertices: np.ndarray, triangles: np.ndarray) -> None:
+        """Takes every light's shadow of a body from the picture."""
+        if self._in_shade(vertices[0]):
+            return
+        for thrown, strength in self._world.thrown:
+            fallen = shadow(vertices, triangles, thrown, 0.0, view, self._size, self._shadow_samples)
+            darken(self._canvas.image, fallen, strength)
+
+    def _in_shade(self, place: np.ndarray) -> bool:
+        """Whether the stands keep the sun off somebody there."""
+        shade = self._world.shade
+        return shade is not None and bool(shade[:2] @ place[:2] > shade[2])
+
+    def _light_at(self, place: np.ndarray) -> Light:
+        return self._shaded if self._in_shade(place) else self._light
 
     def _ball(self, view: View, ball: BallSeen) -> list[tuple[np.ndarray, Sprite]]:
         for thrown, strength in self._world.thrown:
@@ -188,8 +218,8 @@ class Stage:
         return [] if sprite is None else [(ball.middle, sprite)]
 
     def _mesh(self, view: View, actor: Actor, moment: int) -> Mesh:
-        body = self._bodies[actor.person]
-        return drawn_body(body, actor.R_world[moment], actor.t_world[moment], self._light, view.centre_world)
+        body, light = self._bodies[actor.person], self._light_at(actor.t_world[len(actor.t_world) // 2, 0])
+        return drawn_body(body, actor.R_world[moment], actor.t_world[moment], light, view.centre_world)
 
     def _blurs(self, view: View, actor: Actor) -> bool:
         """Whether the body, or the racket that a hand swings, moves visibly within the exposure."""
@@ -214,9 +244,10 @@ class Stage:
             self._wide.read(self._canvas, view, self._world, self._noise)
         people = []
         for person in self._officials:
-            mesh = drawn_body(person.body, person.R_world, person.t_world, self._light, view.centre_world)
-            for thrown, strength in self._world.thrown:
-                darken(image, shadow(mesh, thrown, 0.0, view, self._size, 1), strength)
+            mesh = drawn_body(
+                person.body, person.R_world, person.t_world, self._light_at(person.place), view.centre_world
+            )
+            self._shade(view, mesh.vertices, mesh.triangles)
             sprite = draw_triangles(mesh, view, self._size, 2)
             if sprite is not None:
                 people.append((person.place, sprite))

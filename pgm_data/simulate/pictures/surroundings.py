@@ -21,6 +21,8 @@ class Venue:
     """BGR at the top and at the horizon."""
     planes: tuple[Plane, ...]
     """Far ones first."""
+    roofed: bool
+    """A hall: no sun."""
 
 
 def lettering(
@@ -62,7 +64,9 @@ def draw_venue(
     hard: bool,
 ) -> Venue:
     """Stands with crowds, a hall, or a club with trees and a fence; only what faces the camera is built."""
-    wall_x, wall_y = half_x * rng.uniform(0.88, 1.5), half_y * rng.uniform(0.86, 1.2)
+    # Where play is shown nobody may run into a hoarding.
+    wall_x = half_x * (rng.uniform(0.88, 1.5) if hard else rng.uniform(1.03, 1.5))
+    wall_y = half_y * (rng.uniform(0.86, 1.2) if hard else rng.uniform(0.99, 1.2))
     kind = rng.choice(["stands", "hall", "club"], p=[0.66, 0.16, 0.18])
     size = max(half_y / 20.0, 0.4)
     planes: list[Plane] = []
@@ -71,10 +75,10 @@ def draw_venue(
         sky = np.stack([np.sort(sky[0])[::-1], np.sort(sky[1])[::-1]])
     else:
         sky = np.array([rng.uniform(0, 50, 3), rng.uniform(0, 70, 3)])
-    tall = size * rng.uniform(0.9, 3.4)
+    tall = size * rng.uniform(0.9, 3.4 if hard else 2.5)
     side_tall = size * rng.uniform(0.5, 1.6)
     crowd = textures.crowds[int(rng.integers(len(textures.crowds)))]
-    light = rng.uniform(0.3, 1.15) * rng.uniform(0.9, 1.1, 3)
+    light = rng.uniform(0.3 if hard else 0.5, 1.15) * rng.uniform(0.9, 1.1, 3)
     rise = rng.uniform(0.35, 0.9)
 
     def sloped(side: str) -> Plane:
@@ -167,15 +171,17 @@ def draw_venue(
             )
     else:
         back = textures.foliage[int(rng.integers(len(textures.foliage)))]
-        gain = np.full(3, rng.uniform(0.4, 1.3)) if kind == "club" else np.full(3, rng.uniform(0.1, 0.8))
+        gain = (
+            np.full(3, rng.uniform(0.4, 1.3)) if kind == "club" else np.full(3, rng.uniform(0.1 if hard else 0.3, 0.8))
+        )
         heights = size * rng.uniform(3.0, 9.0, 3)
         planes += [
             upright(side, h, back, np.stack([np.zeros(3), gain]), back.shape[0] / h)
             for side, h in zip(sides, heights, strict=False)
         ]
         if rng.random() < 0.35:
-            return Venue(wall_x=wall_x, wall_y=wall_y, sky=sky, planes=tuple(planes))
+            return Venue(wall_x=wall_x, wall_y=wall_y, sky=sky, planes=tuple(planes), roofed=kind == "hall")
     planes.append(hoarding("far", tall))
     if rng.random() < 0.85:
         planes += [hoarding(side, side_tall) for side in sides[1:]]
-    return Venue(wall_x=wall_x, wall_y=wall_y, sky=sky, planes=tuple(planes))
+    return Venue(wall_x=wall_x, wall_y=wall_y, sky=sky, planes=tuple(planes), roofed=kind == "hall")

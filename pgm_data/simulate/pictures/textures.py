@@ -3,7 +3,7 @@
 Sides are powers of two, so that the painter can repeat them.
 """
 
-import string
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -17,6 +17,10 @@ FONTS = (
     cv2.FONT_HERSHEY_COMPLEX,
     cv2.FONT_HERSHEY_SCRIPT_COMPLEX,
 )
+_SINGLE = "BDFGKLMNPRSTVZX"
+_ONSETS = (*_SINGLE, "BR", "CL", "DR", "FL", "GR", "KR", "PR", "ST", "TR", "SK", "LT", "NT", "RN", "LM", "ND")
+_INNER = 5
+"""How many of the last stand only within a word."""
 CROWD_PX_PER_M = 34.0
 """Texture pixels per metre of stand."""
 MASK_PX_PER_M = 64.0
@@ -58,10 +62,21 @@ def draw_textures(rng: np.random.Generator, grain_shape: tuple[int, int], count:
 
 
 def random_word(rng: np.random.Generator, shortest: int = 2, longest: int = 10) -> str:
-    """Letters or digits."""
-    letters = string.ascii_uppercase if rng.random() < 0.6 else string.ascii_letters
-    word = "".join(rng.choice(list(letters), int(rng.integers(shortest, longest + 1))))
-    return word if rng.random() < 0.85 else word[: max(1, len(word) // 2)] + str(int(rng.integers(0, 100)))
+    """A name that nobody bears, in capitals: syllables that can be spoken."""
+    length = int(rng.integers(shortest, longest + 1))
+    word = ""
+    vowel = rng.random() < 0.25
+    while len(word) < length:
+        room = len(_SINGLE) if length - len(word) < 2 else len(_ONSETS)
+        word += _pick(rng, "AEIOU" if vowel else _ONSETS[:room] if word else _ONSETS[:-_INNER])
+        vowel = not vowel
+    if len(word) == length and rng.random() < 0.3:
+        word = word[:-1] + _pick(rng, "NRSXLTKOA")
+    return word[:length]
+
+
+def _pick(rng: np.random.Generator, choices: Sequence[str]) -> str:
+    return choices[int(rng.integers(len(choices)))]
 
 
 def _noise(rng: np.random.Generator) -> np.ndarray:
@@ -101,8 +116,9 @@ def _clothes(rng: np.random.Generator, count: int, style: int) -> np.ndarray:
     elif style == 1:  # dark hall
         colours = 0.4 * colours + 0.2 * rng.uniform(0, 160, (count, 1))
     elif style == 2:  # one team's colour
-        colours = 0.4 * colours + 0.6 * rng.uniform(10, 235, 3)
-    return colours
+        colours = 0.5 * colours + 0.5 * rng.uniform(10, 235, 3)
+    grey = colours.mean(axis=1, keepdims=True)
+    return grey + rng.uniform(0.25, 0.65) * (colours - grey)
 
 
 def _crowd(rng: np.random.Generator) -> np.ndarray:
@@ -160,13 +176,26 @@ def _foliage(rng: np.random.Generator) -> np.ndarray:
             cv2.line(picture, (x, 0), (x, height), (colour * 0.5 + rng.uniform(0, 120)).tolist(), 3)
         for y in rng.integers(0, height, 3):
             cv2.line(picture, (0, int(y)), (width, int(y)), (colour * 0.5 + rng.uniform(0, 120)).tolist(), 2)
-    else:  # buildings: boxes with windows
-        picture = np.full((height, width, 3), rng.uniform(90, 230, 3), np.uint8)
-        for _ in range(30):
-            x, y = int(rng.integers(0, width)), int(rng.integers(0, height))
-            size = rng.integers(10, 120, 2)
-            cv2.rectangle(picture, (x, y), (x + int(size[0]), y + int(size[1])), rng.uniform(10, 240, 3).tolist(), -1)
+    else:
+        picture = _buildings(rng, height, width)
     return np.clip(picture, 0, 255).astype(np.uint8)
+
+
+def _buildings(rng: np.random.Generator, height: int, width: int) -> np.ndarray:
+    """House fronts with rows of windows before a pale sky."""
+    picture = np.full((height, width, 3), rng.uniform(150, 220) * np.array([1.05, 1.0, 0.95]), np.uint8)
+    x = -int(rng.integers(0, 60))
+    while x < width:
+        wide, top = int(rng.integers(70, 220)), int(rng.integers(0, height // 2))
+        grey = rng.uniform(70, 190)
+        wall = np.clip(grey + rng.normal(0, 12) * np.array([-1.0, 0.1, 1.0]), 10, 240)
+        cv2.rectangle(picture, (x, top), (x + wide, height), wall.tolist(), -1)
+        cell, pane = int(rng.integers(14, 30)), (wall * rng.uniform(0.35, 0.75)).tolist()
+        for y in range(top + cell // 2, height - cell // 2, cell):
+            for left in range(x + cell // 3, x + wide - cell // 2, cell):
+                cv2.rectangle(picture, (left, y), (left + cell // 2, y + int(0.6 * cell)), pane, -1)
+        x += wide + int(rng.integers(0, 12))
+    return picture
 
 
 def _mark(rng: np.random.Generator, picture: np.ndarray, x: int) -> int:

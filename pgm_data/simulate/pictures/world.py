@@ -1,7 +1,7 @@
 """The look of one event: court surface, lines, light, stands and everything that stands about, drawn by lot."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -11,15 +11,18 @@ from pgm_data.court import Court
 from pgm_data.scene import Scene
 from pgm_data.simulate.pictures.bystanders import Clothes, draw_bystanders
 from pgm_data.simulate.pictures.foreign import foreign_lines
-from pgm_data.simulate.pictures.people import Cast, blob_shadow
+from pgm_data.simulate.pictures.furniture import draw_furniture
+from pgm_data.simulate.pictures.people import Cast, blob_shadow, crate_shadow
 from pgm_data.simulate.pictures.shapes import (
     NetLook,
     Plane,
     Polygons,
     line_rectangles,
+    net_mesh,
     net_polygons,
     polygons,
     rectangle,
+    stacked,
 )
 from pgm_data.simulate.pictures.surroundings import draw_venue, lettering
 from pgm_data.simulate.pictures.textures import Textures
@@ -74,10 +77,14 @@ class World:
     tape: Polygons
     """Tape and centre strap, of one colour."""
     net_words: tuple[Plane, ...]
+    mesh: tuple[Plane, ...]
+    """The net's cords, where `net` holds no mesh."""
     front: Polygons
     """What stands before the net."""
     thrown: tuple[tuple[Float[np.ndarray, " 2"], float], ...]
     """Every light's shadow: ground vector per metre of height, and strength."""
+    shade: Float[np.ndarray, " 3"] | None
+    """(a, b, c): where a x + b y > c on the ground the stands keep the sun off; None without such a place."""
     walls: tuple[float, float]
     """Half width and half length between the hoardings, metres."""
     seat: Float[np.ndarray, " 3"] | None
@@ -125,14 +132,34 @@ def draw_world(
     kind = str(rng.choice(["firm", "clay", "grass"], p=[0.62, 0.22, 0.16])) if surface is None else surface
     inner, outer = surface_colours(rng, kind, hard)
     venue = draw_venue(rng, half_x, half_y, floor_z, textures, centre_world, hard=hard)
-    thrown = _thrown(rng)
+    thrown = _thrown(rng, roofed=venue.roofed and not hard)
     clothes = Clothes(rng, white=kind == "grass" and rng.random() < 0.7)
-    net, tape = net_polygons(court, net_look(rng), floor_z)
+    look = net_look(rng)
+    mesh: tuple[Plane, ...] = ()
+    if not hard:
+        look = replace(look, mesh=np.full(3, rng.uniform(8, 45)), mesh_alpha=float(rng.uniform(0.25, 0.6)))
+        mesh, look = net_mesh(court, look), replace(look, mesh_alpha=0.0)
+    net, tape = net_polygons(court, look, floor_z)
     foreign = foreign_lines(rng, others, rng.uniform(0.5, 1.0)) if hard and others and rng.random() < 0.1 else []
     walls = (venue.wall_x, venue.wall_y)
     behind, front, feet, seat = draw_bystanders(
-        rng, (half_x, half_y, floor_z), cast, clothes, centre_world, walls, hard=hard, players=players, people=people
+        rng,
+        (half_x, half_y, floor_z),
+        cast,
+        clothes,
+        centre_world,
+        walls,
+        hard=hard,
+        players=players,
+        people=people,
+        boxes=hard,
     )
+    shadows, shade = _shadows(rng, court, half_x, half_y, feet, thrown, floor_z)
+    if not hard and floor_z == 0.0:
+        far, near, stands = draw_furniture(rng, walls, seat, centre_world, thrown[0][0])
+        behind, front = stacked([far, behind]), stacked([front, near])
+        fallen = [(crate_shadow(low, size, throw), np.zeros(3), dark) for low, size in stands for throw, dark in thrown]
+        shadows = stacked([shadows, polygons(fallen)])
     return World(
         floor_z=floor_z,
         sky=venue.sky,
@@ -142,14 +169,16 @@ def draw_world(
         foreign=polygons(foreign),
         lines=_lines(rng, court, kind, hard),
         ground_words=_ground_words(rng, half_x, half_y, floor_z, textures, hard),
-        shadows=_shadows(rng, court, half_x, half_y, feet, thrown, floor_z),
+        shadows=shadows,
         planes=venue.planes,
         behind=behind,
         net=net,
         tape=tape,
         net_words=_net_words(rng, court, textures),
+        mesh=mesh,
         front=front,
         thrown=tuple(thrown),
+        shade=shade,
         walls=walls,
         seat=seat,
     )
@@ -173,7 +202,8 @@ def surface_colours(rng: np.random.Generator, kind: str, hard: bool) -> tuple[np
     tint = rng.uniform(0.7, 1.3) * rng.uniform(0.85, 1.15, 3)
     # Televised courts are painted for contrast: none is as bright as its lines.
     brightest = 225 if hard else 135
-    return np.clip(inner * tint, 8, brightest), np.clip(outer * tint, 8, brightest)
+    darkest = 8 if hard else 30
+    return np.clip(inner * tint, darkest, brightest), np.clip(outer * tint, darkest, brightest)
 
 
 def net_look(rng: np.random.Generator) -> NetLook:
@@ -217,7 +247,9 @@ def _worn(rng, court: Court, kind: str, inner, textures: Textures, floor_z: floa
     else:
         colour = inner * rng.uniform(0.8, 1.2) + rng.uniform(-10, 10)
     colour = np.clip(colour, 5, 240)
-    strength = {"firm": 0.25, "clay": 0.6, "grass": 0.9}[kind] * rng.uniform(0.0, 1.1)
+    strength = {"firm": 0.25, "clay": 0.6, "grass": 0.9}[kind] * rng.uniform(
+        0.0 if hard or kind == "firm" else 0.4, 1.1
+    )
     places = []
     for end in (-1.0, 1.0):
         x, y = rng.normal(0, 0.1) * width, end * length * rng.uniform(0.97, 1.08)
@@ -226,6 +258,15 @@ def _worn(rng, court: Court, kind: str, inner, textures: Textures, floor_z: floa
         x, y = rng.uniform(-1.5, 1.5) * width, rng.uniform(-1.5, 1.5) * length
         size = 2.2 * rng.uniform(0.08, 0.5, 2) * width
         places.append((x, y, size[0], size[1], strength * rng.uniform(0.2, 0.8)))
+    if not hard and kind != "firm" and court.tape_width == 0.06:
+        # Footmarks and slides, behind the baselines and short of them, clear of every line.
+        for _ in range(int(rng.integers(20, 60))):
+            out = rng.random() < 0.65
+            y = rng.choice([-1.0, 1.0]) * (
+                length + rng.gamma(2.0, 0.5) + 0.55 if out else length - rng.uniform(0.8, 3.5)
+            )
+            x = rng.normal(0, 2.2) if out else rng.choice([-1.0, 1.0]) * rng.uniform(0.8, 3.0)
+            places.append((x, y, rng.uniform(0.08, 0.6), rng.uniform(0.05, 0.3), rng.uniform(0.25, 0.8) * strength))
     planes = []
     for x, y, half_x, half_y, alpha in places:
         mask = textures.patches[int(rng.integers(len(textures.patches)))]
@@ -292,6 +333,8 @@ def _ground_words(rng, half_x, half_y, floor_z, textures, hard) -> tuple[Plane, 
     planes = []
     if rng.random() < 0.45:
         white = rng.uniform(150, 255, 3) if rng.random() < 0.8 else rng.uniform(0, 255, 3)
+        if not hard:
+            white = white.mean() + 0.3 * (white - white.mean())
         height = half_y * rng.uniform(0.03, 0.09)
         places = [(0.0, -0.82), (0.0, 0.78), (-0.8, -0.1), (0.8, -0.1)]
         for x, y in places:
@@ -330,9 +373,9 @@ def _net_words(rng, court: Court, textures: Textures) -> tuple[Plane, ...]:
     return tuple(planes)
 
 
-def _thrown(rng: np.random.Generator) -> list[tuple[np.ndarray, float]]:
-    """(ground vector per metre of height, strength) of every light."""
-    kind = rng.random()
+def _thrown(rng: np.random.Generator, *, roofed: bool) -> list[tuple[np.ndarray, float]]:
+    """(ground vector per metre of height, strength) of every light; under a roof there is no sun."""
+    kind = rng.random() * (0.5 if roofed else 1.0) + (0.5 if roofed else 0.0)
     if kind < 0.5:
         angle, reach = rng.uniform(0, 2 * np.pi), rng.uniform(0.2, 2.2)
         return [(reach * np.array([np.cos(angle), np.sin(angle)]), float(rng.uniform(0.25, 0.7)))]
@@ -342,8 +385,9 @@ def _thrown(rng: np.random.Generator) -> list[tuple[np.ndarray, float]]:
     return [(np.zeros(2), 0.15)]
 
 
-def _shadows(rng, court: Court, half_x, half_y, feet, thrown, floor_z) -> Polygons:
+def _shadows(rng, court: Court, half_x, half_y, feet, thrown, floor_z) -> tuple[Polygons, np.ndarray | None]:
     shapes: list[tuple[np.ndarray, np.ndarray, float]] = []
+    shade: np.ndarray | None = None
     vector, strength = thrown[0]
     if len(thrown) == 1 and strength > 0.2:
         if rng.random() < 0.4:  # the stands' edge across the court
@@ -351,6 +395,7 @@ def _shadows(rng, court: Court, half_x, half_y, feet, thrown, floor_z) -> Polygo
             normal = np.array([np.cos(angle), np.sin(angle)]) * rng.choice([-1.0, 1.0])
             along = np.array([-normal[1], normal[0]])
             start = normal * rng.uniform(-1.0, 1.0) * (half_x if abs(normal[0]) > 0.7 else half_y)
+            shade = np.array([*normal, float(normal @ start)])
             near, beyond = 200 * along, 200 * normal
             far = [start - near, start + near, start + near + beyond, start - near + beyond]
             corners = np.concatenate([np.array(far), np.full((4, 1), floor_z)], axis=1)
@@ -364,4 +409,4 @@ def _shadows(rng, court: Court, half_x, half_y, feet, thrown, floor_z) -> Polygo
     for place, height in feet:
         for throw, dark in thrown:
             shapes += blob_shadow(place, height, throw, dark)
-    return polygons(shapes)
+    return polygons(shapes), shade

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgm_data.scene import Scene
-from pgm_data.simulate.broadcast import Clock, Operator, Span, cuts, draw_operator, poses_of
+from pgm_data.simulate.broadcast import Clock, Operator, Span, cuts, draw_operator, main_pose, poses_of
 from pgm_data.simulate.clip_options import ClipOptions
 from pgm_data.simulate.shots import Graphics, SimulatedShot, later, no_cameras, until
 from pgm_data.simulate.tennis.match import Match, draw_match, plays
 from pgm_data.simulate.tennis.pictures import MatchPictures
 from pgm_data.simulate.tennis.play import Play
 from pgm_data.simulate.tennis.truth import play_states
-from pgm_data.simulate.views import Pose, View, broadcast_pose, track_of
+from pgm_data.simulate.views import Pose, View, track_of
 
 # One stream of random numbers for each thing, so that more of one does not change another.
 CAMERA, LOOKS, MATCH, PLAYS, WORDS, CUTS, SHUTTER = 0, 1, 10, 11, 12, 13, 14
@@ -61,7 +61,7 @@ def recording_of(scene: Scene, options: ClipOptions, seed: int) -> Recording:
     assert court is not None
     size = (options.width, options.height)
     rng = np.random.default_rng([seed, CAMERA])
-    base = broadcast_pose(rng, court, size, cropped=options.cropped)
+    base = main_pose(rng, court, size, cropped=options.cropped)
     share = options.shutter
     if share is None:
         # 1/1000 to 1/100 s, as sports are filmed, if the frame rate leaves so much.

@@ -24,7 +24,7 @@ from pgm_data.simulate.blocks.navigation import ways_of
 from pgm_data.simulate.blocks.world import SOLID
 from pgm_data.simulate.rotations import facing
 
-SECONDS = 150.0
+SECONDS = 80.0
 
 
 class Walk:

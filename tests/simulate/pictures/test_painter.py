@@ -93,7 +93,7 @@ def test_a_texture_lands_with_its_pixels_where_the_homography_puts_them() -> Non
     corners = np.array([[-1.0, -1, 1], [30, -1, 1], [30, 30, 1], [-1, 30, 1]])
     limits = np.array([-2.0, 40.0, -2.0, 40.0])
     shift = np.array([[1.0, 0.0, 3.0], [0.0, 1.0, 5.0], [0.0, 0.0, 1.0]])
-    args = (np.stack([x, y], -1), shift, texture, np.zeros(3), np.ones(3), 1.0, False)
+    args = (np.stack([x, y], -1), shift, texture, np.zeros(3), np.ones(3), 1.0, False, np.zeros((0, 8, 3), np.uint8))
     paint_texture(image, cover, corners, view, limits, *args)
     wrapped = texture[(np.arange(TALL) + 5) % 16][:, (np.arange(WIDE) + 3) % 16]
     np.testing.assert_allclose(image, wrapped, atol=1e-3)

@@ -350,7 +350,7 @@ def test_shadows_fall_where_the_light_throws_them_and_take_their_share() -> None
     view = _view()
     square = np.array([[-0.4, -0.4, 1.0], [0.4, -0.4, 1.0], [0.4, 0.4, 1.0], [-0.4, 0.4, 1.0]])
     thrown = np.array([0.7, -0.4])
-    sprite = shadow(_mesh(square, _fan(4)), thrown, 0.0, view, SIZE, 4)
+    sprite = shadow(square, _fan(4), thrown, 0.0, view, SIZE, 4)
     fallen = square + [0.7, -0.4, -1.0]
     direct = draw_triangles(_mesh(fallen, _fan(4)), view, SIZE, 4)
     assert (_whole(sprite) == _whole(direct)).all()
