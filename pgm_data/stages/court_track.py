@@ -147,14 +147,17 @@ class ShotTracker:
             self.next_try = index
         self._look(index, luma)
 
-    def _look(self, index: int, luma: np.ndarray) -> None:
-        """Try to find the court afresh, not too often; on success go back over the frames that had to wait."""
+    def _look(self, index: int, luma: np.ndarray, shown: int | None = None) -> None:
+        """Try to find the court afresh, not too often; on success go back over the frames that had to wait.
+
+        `shown`: row of the frame just added, where that is another one that repeats this picture.
+        """
         self.rows.reason[index] = self.lost_reason
         if index < self.next_try:
             self.pending.append((index, luma.copy()))
             self.pending = self.pending[-self.track.detect_every :]
             return
-        firsts = self.find(self.rows.video_frame[index])
+        firsts = self.find(self.rows.video_frame[index if shown is None else shown])
         sight = best_sight(luma, firsts, self.court, options=self.search, trust=self.trust)
         if sight is None or sight.reason:
             self.lost_reason = "no court found" if sight is None else sight.reason
@@ -270,7 +273,7 @@ class ShotTracker:
         rows = self.rows
         if self.camera is None and self.pending and all(rows.is_duplicate[self.pending[-1][0] + 1 :]):
             self.next_try = 0
-            self._look(*self.pending.pop())
+            self._look(*self.pending.pop(), shown=len(rows.place) - 1)
         if self.camera is not None and self.passed_over is not None:
             last = self.passed_over[0]
             # Nothing measured comes after the shot's end to bridge to, so its last picture is measured.

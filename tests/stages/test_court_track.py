@@ -27,8 +27,8 @@ assert court is not None
 NETWORK = CourtNetwork.load(None, network_file=court.network, names=court.all_names)
 
 
-def followed(frames, times=None, *, marks=None, lines_every=1, network=NETWORK, track=None, scene=tennis):
-    """The cameras of frames (BGR) taken for one shot."""
+def followed(frames, times=None, *, marks=None, lines_every=1, network=NETWORK, track=None, scene=tennis, repeats=()):
+    """The cameras of frames (BGR) taken for one shot; `repeats` are those that show the one before again."""
     frames = list(frames)
     times = np.arange(len(frames)) / 25 if times is None else times
     size = (frames[0].shape[1], frames[0].shape[0])
@@ -48,7 +48,7 @@ def followed(frames, times=None, *, marks=None, lines_every=1, network=NETWORK, 
     for index, picture in enumerate(frames):
         frame = PictureFrame(np.ascontiguousarray(picture), video_frame=index, timestamp=float(times[index]))
         finder.look_at(frame)
-        tracker.add(video_frame=index, timestamp=float(times[index]), is_duplicate=False, luma=frame.luma)
+        tracker.add(video_frame=index, timestamp=float(times[index]), is_duplicate=index in repeats, luma=frame.luma)
     return tracker.finish()
 
 
@@ -119,6 +119,16 @@ def test_lines_alone_find_the_court_without_a_network(panning):
     shot = followed(list(panning.frames())[:2], network=None)
     assert (shot.status == "measured").all()
     assert court_error_px(shot, panning).max() < 0.6
+
+
+def test_a_court_first_seen_in_the_last_picture_and_its_repeat_is_found(panning):
+    pictures = [picture for picture, _ in zip(panning.frames(), range(3), strict=False)]
+    blank = np.full_like(pictures[0], 90)
+    # Pictures wait for the next try, and the shot ends with a repeat before that comes.
+    shot = followed([blank] * 4 + pictures + pictures[-1:], repeats={7})
+    # It is found in all of them, and says why that is too little to believe.
+    assert shot.reason[3] == "no court found"
+    assert all("court in view for only" in reason for reason in shot.reason[4:])
 
 
 def test_a_missing_stretch_is_bridged_when_short_and_left_empty_when_long(panning):
