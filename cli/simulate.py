@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from pgm_data.stages.simulate_run import SimulateWork
 
 SOME_FAILED, NOTHING_USABLE = 3, 4
+WIDEST = 4
+"""A camera that shows a court is not found for pictures much wider or taller."""
 COURT_IDLE = ("masks", "shutter", "wind", "surface")
 """Options that change nothing where nobody plays."""
 BLOCKS_IDLE = ("motion", "duplicates", "shutter", "wind", "surface")
@@ -92,6 +94,8 @@ def picture_size(resolution: str, default: tuple[int, int]) -> tuple[int, int]:
     width, height = (int(word) for word in words)
     if not (64 <= width <= 7680 and 36 <= height <= 4320):
         raise option_error("--resolution", expected="64x36 to 7680x4320", got=resolution)
+    if max(width / height, height / width) > WIDEST:
+        raise option_error("--resolution", expected=f"no side over {WIDEST} times the other", got=resolution)
     if width % 2 or height % 2:
         raise option_error("--resolution", expected="even numbers, as h264 has them", got=resolution)
     return width, height

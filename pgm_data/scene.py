@@ -1,5 +1,6 @@
 """What a scene declares. Only what stands here is detected, solved, written or trained."""
 
+import re
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -117,13 +118,21 @@ def scene_from_fields(raw: object) -> Scene:
     camera = fields(top["camera"], "camera", required=("position", "person_height_m"))
     objects = fields(top["objects"], "objects")
     return Scene(
-        name=word(top["name"], "name"),
+        name=_name(top["name"]),
         camera_position=word(camera["position"], "camera.position", ("fixed", "moving")),
         person_height_m=number(camera["person_height_m"], "camera.person_height_m", above=0),
         court=_court(top["court"]) if "court" in top else None,
         objects=tuple(_object(name, value) for name, value in objects.items()),
         ball=_ball(top["ball"]) if "ball" in top else None,
     )
+
+
+def _name(raw: object) -> str:
+    """A scene's name: files are called after it."""
+    name = word(raw, "name")
+    if re.fullmatch("[a-z][a-z0-9_]*", name) is None:
+        raise FieldError(f"name: expected small letters, digits and underscores, a letter first, got {name!r}")
+    return name
 
 
 def _court(raw: object) -> Court:

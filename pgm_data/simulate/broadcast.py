@@ -18,6 +18,7 @@ KNOT_S = 0.02
 TIGHT = 0.12
 """Share of matches whose picture may cut a player off."""
 ROOM_M = 2.0
+ATTEMPTS = 60
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -111,12 +112,13 @@ def main_pose(rng: np.random.Generator, court: Court, size: tuple[int, int], *, 
     tight = rng.random() < TIGHT
     length = float(np.abs(court.points_world[:, 1]).max())
     ends = np.array([[0.0, -length - ROOM_M, 0.0], [0.0, length + ROOM_M, 2.2]])
-    for _ in range(60):
-        pose = broadcast_pose(rng, court, size, cropped=cropped)
+    pose = broadcast_pose(rng, court, size, cropped=cropped)
+    for _ in range(0 if tight else ATTEMPTS):
         view = pose.view(size)
         feet, head = pixels_of(ends, view.K, view.k1, view.R_cam_from_world, view.t_cam_from_world)[:, 1]
-        if tight or (feet < size[1] - 1 and head > 0):
-            return pose
+        if feet < size[1] - 1 and head > 0:
+            break
+        pose = broadcast_pose(rng, court, size, cropped=cropped)
     return pose
 
 

@@ -52,16 +52,31 @@ class StanceEnds:
 
     at_land: Float[np.ndarray, " stances"]
     at_lift: Float[np.ndarray, " stances"]
+    from_pelvis_at_land: Float[np.ndarray, "stances 2"]
+    """World x, y of the toe joint from the pelvis, metres, as the next."""
+    from_pelvis_at_lift: Float[np.ndarray, "stances 2"]
+    hops: Float[np.ndarray, " stances"]
+    """1 where the swing after the stance is the flight of a hop, else 0."""
 
     @staticmethod
     def of(build: Build, foot: int, stances: Stances, course: "PelvisCourse") -> "StanceEnds":
         """Pitches of one foot."""
-        pitches = []
+        pitches, places = [], []
         for times in (stances.land, stances.lift):
             moment = course.at(np.clip(times, 0.0, course.times[-1]))
             yaw, pivot = _pivoted(stances.yaw, moment.hips)
             pitches.append(_roll(build, stances.toe, yaw, pivot, moment))
-        return StanceEnds(at_land=pitches[0], at_lift=pitches[1])
+            places.append(stances.toe - moment.xy)
+        start, end = course.airborne[course.wide == 0.0].T
+        landing = np.append(stances.land[1:], np.inf)
+        hops = (np.abs(stances.lift[:, None] - start) < 0.02) | (np.abs(landing[:, None] - end) < 0.02)
+        return StanceEnds(
+            at_land=pitches[0],
+            at_lift=pitches[1],
+            from_pelvis_at_land=places[0],
+            from_pelvis_at_lift=places[1],
+            hops=hops.any(axis=1).astype(float),
+        )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -94,6 +109,11 @@ def pose(build: Build, foot: int, stances: Stances, ends: StanceEnds, moment: "M
 
     share = _ramp_up_and_down(u)
     toe = stances.toe[i] + share[:, None] * way + np.sin(np.pi * u)[:, None] ** 2 * stances.bulge[i]
+    # In a hop feet travel with the pelvis.
+    under = ends.from_pelvis_at_lift[i]
+    under = under + _smooth(u)[:, None] * (ends.from_pelvis_at_land[j] - under)
+    along = np.where(planted, 0.0, ends.hops[i] * _smooth(6.0 * np.minimum(u, 1.0 - u)))
+    toe = toe + along[:, None] * (moment.xy + under - toe)
     yaw = stances.yaw[i] + np.where(planted, 0.0, _smooth(u) * (stances.yaw[j] - stances.yaw[i]))
     yaw, pivot = _pivoted(yaw, moment.hips)
     c, s = np.cos(yaw), np.sin(yaw)
@@ -107,11 +127,14 @@ def pose(build: Build, foot: int, stances: Stances, ends: StanceEnds, moment: "M
     low = np.clip(1.0 - 2.0 * moment.drop / build.scale, 0.2, 1.0)
     kick = low * np.clip(0.45 * (ahead - 0.7), 0.0, 1.0) * _hump(u, 0.3)
     toes_up = np.clip(0.2 * ahead, 0.0, 0.25) * _hump(u, 0.8)
-    pointed = 0.4 * np.minimum(moment.air / 0.1, 1.0) * np.sin(np.pi * u) ** 2
+    high = _smooth((moment.air - 0.05) / 0.15)
+    pointed = (0.4 * np.minimum(moment.air / 0.1, 1.0) + 0.5 * high) * np.sin(np.pi * u) ** 2
     pitch = np.where(planted, rolled, from_lift + to_land + kick - toes_up + pointed)
 
     clear = 0.03 + 0.03 * np.minimum(length, 1.0) + 0.09 * low * np.clip(ahead - 1.2, 0.0, 2.0)
     clear = build.scale * clear * _hump(u, 0.42) + moment.air * ~planted
+    # High up, the legs hang.
+    clear = clear - 0.04 * build.scale * high * _hump(u, 0.5)
     # Toes up, the heel is the lowest point of the sole; rounded, so that the ankle has no kink.
     heel = -(build.toe_ahead + HEEL_BEHIND_ANKLE_M * build.scale) * np.sin(pitch)
     round_off = 0.08 * u * (1.0 - u)
@@ -145,7 +168,9 @@ def _roll(build: Build, toe: np.ndarray, yaw: np.ndarray, pivot: np.ndarray, mom
     pitch = _HIGHEST_PITCH * _smooth((past / build.scale - 0.08) / 0.5)
     # A deep crouch, unless in a lunge onto this foot, or a pivot takes the heel off the ground, too.
     crouch = 1.2 * np.maximum(moment.drop - 0.18, 0.0) * _smooth((past / build.scale + 0.3) / 0.3)
-    pitch = pitch + crouch + 0.3 * np.abs(pivot)
+    # Toes leave the ground last and land first; and who makes himself taller than standing is on them.
+    tiptoe = 1.0 - (1.0 - moment.push) * (1.0 - _smooth(-moment.drop / (0.09 * build.scale)))
+    pitch = pitch + crouch + 0.3 * np.abs(pivot) + 0.7 * tiptoe
     return _HIGHEST_PITCH * np.tanh(pitch / _HIGHEST_PITCH)
 
 

@@ -22,6 +22,10 @@ _FASTEST_SPLIT = 3.0
 _GRAVITY = 9.81
 _PUSH_S = 0.09
 """Time constant of the crouch before a leap and after a landing."""
+_TOES_LEAVE_S, _TOES_MEET_S = 0.12, 0.12
+"""How long before a hop the heels come up, and after it go down."""
+_HIGH_HOP = 2.0
+"""Take-off speed, m/s, of a hop with all of the feet's push."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -67,6 +71,8 @@ class Moments:
     """Metres of free flight of the whole body in a leap."""
     crouch: Float[np.ndarray, " times"]
     """Metres that the pelvis is lower before a leap and after its landing."""
+    push: Float[np.ndarray, " times"]
+    """0 to 1: how far the ground is pushed away with the toes for a hop, and met with them after it."""
     phase: Float[np.ndarray, " times"]
     """Stride phase, radians."""
     excess: Float[np.ndarray, " times"]
@@ -144,13 +150,16 @@ def course_of(plan: Plan, demand_of: Callable[[Float[np.ndarray, " times"]], Hip
     demand = demand_of(times)
     airborne, wide, speeds = _leaps(plan.splits, np.hypot(velocity[:, 0], velocity[:, 1]), demand.hop, times)
     air = demand.hop.copy()
-    crouch = np.zeros(len(times))
+    crouch, push = np.zeros(len(times)), np.zeros(len(times))
     for (start, end), width, (up, down) in zip(airborne, wide, speeds, strict=True):
         if width > 0:
             u = np.clip((times - start) / (end - start), 0.0, 1.0)
             air += 0.5 * _GRAVITY * (end - start) ** 2 * u * (1.0 - u)
         before, after = np.maximum(start - times, 0.0), np.maximum(times - end, 0.0)
         crouch += up * before * np.exp(-before / _PUSH_S) + down * after * np.exp(-after / _PUSH_S)
+        if width == 0:
+            near = np.maximum(1.0 - before / _TOES_LEAVE_S, 0.0) * np.maximum(1.0 - after / _TOES_MEET_S, 0.0)
+            push = np.maximum(push, min(up / _HIGH_HOP, 1.0) * near**2 * (3.0 - 2.0 * near))
     none = np.zeros(len(times))
     grid = Moments(
         times=times,
@@ -164,6 +173,7 @@ def course_of(plan: Plan, demand_of: Callable[[Float[np.ndarray, " times"]], Hip
         lean_left=demand.lean_left,
         air=air,
         crouch=crouch,
+        push=push,
         phase=none,
         excess=none,
     )

@@ -221,25 +221,25 @@ POSTURES: dict[str, Posture] = {
     ),
     "trophy": Posture(
         hand=(0.34, 0.66, -0.34), shaft=(-0.15, 0.95, 0.25), palm=(-0.9, -0.1, 0.3), turn=-86, trunk=(-12, -14, 16),
-        other=(0.02, 0.98, 0.26), other_palm=(-0.2, 0.6, 0.7), drop=0.24, lean=-2, tilt=2,
+        other=(0.02, 0.98, 0.26), other_palm=(-0.2, 0.6, 0.7), drop=0.20, lean=-2, tilt=2,
         elbow=(0.42, 0.42, -0.36), rest=(-75, 0),
     ),
     "lag": Posture(
         hand=(0.22, 0.76, -0.34), shaft=(0.15, -0.94, -0.30), palm=(-0.70, 0.1, 0.60), turn=-45, trunk=(-12, -10, 2),
-        other=(-0.12, 0.55, 0.40), other_palm=(0.2, -0.8, 0.3), drop=0.02, lean=2, elbow=(0.36, 0.62, -0.16),
+        other=(-0.12, 0.55, 0.40), other_palm=(0.2, -0.8, 0.3), drop=-0.08, lean=2, elbow=(0.36, 0.62, -0.16),
         rest=(-95, -60),
     ),
     "smite": Posture(
-        hand=(0.20, 1.02, 0.26), shaft=(0.10, 0.98, 0.15), palm=(0.0, -0.12, 1.0), turn=-22, trunk=(8, 4, -20),
-        other=(-0.14, 0.24, 0.20), other_palm=(0.8, -0.2, -0.2), drop=0.0, lean=12, tilt=5, rest=(-85, -10),
+        hand=(0.06, 1.10, 0.26), shaft=(0.10, 0.98, 0.15), palm=(0.0, -0.12, 1.0), turn=-22, trunk=(8, 4, -26),
+        other=(-0.14, 0.24, 0.20), other_palm=(0.8, -0.2, -0.2), drop=-0.09, lean=12, tilt=12, rest=(-85, -10),
     ),
     "past": Posture(
         hand=(0.12, 0.56, 0.62), shaft=(0.25, -0.35, 0.88), palm=(0.75, -0.6, -0.1), turn=6, trunk=(18, 14, -6),
-        other=(-0.16, 0.18, 0.14), other_palm=(0.8, -0.2, -0.2), drop=0.02, lean=10,
+        other=(-0.16, 0.18, 0.14), other_palm=(0.8, -0.2, -0.2), drop=-0.05, lean=10,
     ),
     "across": Posture(
         hand=(-0.26, 0.04, 0.34), shaft=(-0.50, -0.55, -0.60), palm=(-0.2, -0.7, 0.6), turn=20, trunk=(24, 26, -2),
-        other=(-0.24, 0.20, 0.02), other_palm=(0.6, -0.3, 0.0), drop=0.07, lean=10,
+        other=(-0.24, 0.20, 0.02), other_palm=(0.6, -0.3, 0.0), drop=0.04, lean=10,
     ),
     "smash_turn": Posture(
         hand=(0.40, 0.50, -0.05), shaft=(0.0, 0.95, 0.0), palm=(-0.3, 0.0, 0.9), turn=-62, trunk=(-2, -14, 4),

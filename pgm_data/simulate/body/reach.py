@@ -12,14 +12,14 @@ LOWEST_BALL_M = 0.12
 """Centre of the lowest ball that a racket can meet."""
 EXTRA_REACH_M = 0.45
 """How much further out than at ease a fully stretched player meets the ball."""
-OVERHEAD_REACH = (1.30, 1.62)
+OVERHEAD_REACH = (1.30, 1.56)
 """Lowest and highest ball of a serve or smash over the player's height, the jump included."""
 GROUND_REACH = 1.05
 """Highest ball of a ground stroke or volley over the player's height."""
 
 # (outward to the side of the stroke, ahead towards the net), metres, of a player of middle height
 _AT_EASE = {
-    ("overhead", 1): (0.22, 0.38),
+    ("overhead", 1): (0.10, 0.38),
     ("forehand", 1): (0.74, 0.38),
     ("backhand", 2): (0.56, 0.40),
     ("backhand", 1): (0.66, 0.46),

@@ -123,9 +123,9 @@ def demand_at(schedule: Schedule, times: Float[np.ndarray, " times"]) -> HipDema
         mine = _span_share(swing, times)
         share = share + mine
         to_net = to_net + mine * (net - heading)
-        half = np.sqrt(4.0 * swing.hop / GRAVITY) if swing.hop > 0 else 1.0
+        half = np.sqrt(2.0 * swing.hop / GRAVITY) if swing.hop > 0 else 1.0
         u = np.clip((times - swing.stroke.time) / half, -1.0, 1.0)
-        hop = hop + swing.hop * (1.0 - u * u) ** 2
+        hop = hop + swing.hop * (1.0 - u * u)
     share = np.minimum(share, 1.0)
     return HipDemand(
         turn=to_net + share * side * turn,

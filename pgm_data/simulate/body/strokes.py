@@ -39,7 +39,7 @@ _LOBS: dict[str, Steps] = {
             ("ready", 0.80)),
 }  # fmt: skip
 _SMASH: Steps = (
-    ("ready", -1.0), ("smash_turn", -0.65), ("point_up", -0.32), ("lag", -0.11), ("smite", 0.0), ("past", 0.10),
+    ("ready", -1.0), ("smash_turn", -0.65), ("point_up", -0.36), ("lag", -0.11), ("smite", 0.0), ("past", 0.10),
     ("across", 0.27), ("ready", 0.85),
 )  # fmt: skip
 _SERVE_END: Steps = (("smite", 0.0), ("past", 0.10), ("across", 0.28), ("ready", 0.95))
@@ -146,7 +146,7 @@ def _serve(stroke: Stroke) -> tuple[Steps, int]:
     late = min(1.0, rise_s / 0.75)
     steps = (
         *(("stance", -rise_s - 2.6), ("stance", -rise_s - 0.85), ("wind", -rise_s - 0.38), ("release", -rise_s)),
-        *(("trophy", -0.36 * late), ("lag", -0.12 * late)),
+        *(("trophy", -0.43 * late), ("lag", -0.12 * late)),
         *_SERVE_END,
     )
     return steps, 3
@@ -198,7 +198,7 @@ def _rise(figure: Figure, stroke: Stroke, pelvis: np.ndarray) -> float:
     arm = float(np.linalg.norm(bones[5:], axis=1).sum()) + _RACKET_ON_ARM_M
     scale = figure.height_m / MIDDLE_HEIGHT_M
     if is_overhead(stroke):
-        shoulder = np.array([0.0, 0.14])
+        shoulder = np.array([0.0, 0.20])
     else:
         right = (1.0 if figure.hand == "right" else -1.0) * (-1.0 if stroke.side == "backhand" else 1.0)
         shoulder = np.array([right * (0.18 + 0.1 * stroke.stretch), 0.05])
@@ -208,7 +208,9 @@ def _rise(figure: Figure, stroke: Stroke, pelvis: np.ndarray) -> float:
 
 def _hop(figure: Figure, stroke: Stroke, pelvis: np.ndarray, drop: float) -> float:
     """Height of the jump in which the arm is almost straight, metres."""
-    reach = _shoulder(figure) - 0.05 - 0.11 * stroke.stretch - drop + _rise(figure, stroke, pelvis)
+    # Servers know where the ball comes down and stretch wholly.
+    lower = 0.0 if stroke.kind == "serve" else 0.05
+    reach = _shoulder(figure) - lower - 0.11 * stroke.stretch - drop + _rise(figure, stroke, pelvis)
     return float(np.clip(stroke.ball[2] - reach, 0.03 if is_overhead(stroke) else 0.0, 0.7))
 
 

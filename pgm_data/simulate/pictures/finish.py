@@ -180,8 +180,8 @@ def _compressed(image: np.ndarray, quality: int) -> np.ndarray:
 def _patches(opacity: np.ndarray) -> list[tuple[slice, slice]]:
     """Boxes that hold all that is opaque: bands of rows, and in each of them the columns in use."""
     patches = []
-    for top, bottom in _runs(opacity.any(axis=(1, 2))):
-        for left, right in _runs(opacity[top:bottom].any(axis=(0, 2))):
+    for top, bottom in _runs(np.asarray(opacity.any(axis=(1, 2)))):
+        for left, right in _runs(np.asarray(opacity[top:bottom].any(axis=(0, 2)))):
             patches.append(np.s_[top:bottom, left:right])
     return patches
 

@@ -23,6 +23,11 @@ class Official:
     t_world: Float[np.ndarray, "24 3"]
 
     @property
+    def stands(self) -> bool:
+        """On the ground, not in the high chair."""
+        return bool(self.t_world[0, 2] < 1.4)
+
+    @property
     def place(self) -> np.ndarray:
         """World metres, of the pelvis."""
         return self.t_world[0]

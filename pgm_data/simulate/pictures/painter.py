@@ -233,14 +233,23 @@ def paint_fine(image, layer, cover, polygons, starts, colour, alphas, view, limi
 
 
 @_kernel
-def _read(texture, top, rows, columns, u, v, k):
-    """One channel of a picture that repeats, between its pixels; it fills these rows and columns from row `top` on."""
+def _read(texture, top, rows, columns, u, v, channels, out):
+    """Fills `out` from a picture that repeats, between its pixels; it fills these rows and columns from `top` on."""
     iu, iv = int(math.floor(u)), int(math.floor(v))
     du, dv = np.float32(u - iu), np.float32(v - iv)
-    u0, v0, u1, v1 = iu & (columns - 1), iv & (rows - 1), (iu + 1) & (columns - 1), (iv + 1) & (rows - 1)
-    return (1 - dv) * ((1 - du) * texture[top + v0, u0, k] + du * texture[top + v0, u1, k]) + dv * (
-        (1 - du) * texture[top + v1, u0, k] + du * texture[top + v1, u1, k]
+    u0, v0, u1, v1 = (
+        iu & (columns - 1),
+        top + (iv & (rows - 1)),
+        (iu + 1) & (columns - 1),
+        top + ((iv + 1) & (rows - 1)),
     )
+    w11 = du * dv
+    w01, w10 = du - w11, dv - w11
+    w00 = np.float32(1.0) - du - w10
+    for k in range(channels):
+        out[k] = (
+            w00 * texture[v0, u0, k] + w01 * texture[v0, u1, k] + w10 * texture[v1, u0, k] + w11 * texture[v1, u1, k]
+        )
 
 
 @_kernel
@@ -267,9 +276,10 @@ def paint_texture(
         total_rows += rows >> levels
     H = uv_from_ray
     step_x, step_y = 1.0 / (view[0] * view[0]), 1.0 / (view[1] * view[1])
-    value = np.empty(3, np.float32)
+    value, other = np.empty(3, np.float32), np.empty(3, np.float32)
     for row in range(box[1], box[3]):
         total = np.float32(0.0)
+        level = -1.0
         for column in range(box[0], box[2]):
             total += cover[row, column]
             weight = min(abs(total), np.float32(1.0)) * alpha
@@ -281,35 +291,30 @@ def paint_texture(
             v = (H[1, 0] * x + H[1, 1] * y + H[1, 2]) * w
             if not (abs(u) < 1e7 and abs(v) < 1e7):
                 continue
-            # Texture pixels that one pixel of the picture covers, squared: the mean of both directions.
-            ux, vx = (H[0, 0] - u * H[2, 0]) * w, (H[1, 0] - v * H[2, 0]) * w
-            uy, vy = (H[0, 1] - u * H[2, 1]) * w, (H[1, 1] - v * H[2, 1]) * w
-            size = 0.5 * ((ux * ux + vx * vx) * step_x + (uy * uy + vy * vy) * step_y)
-            level = min(max(0.5 * math.log2(size) + SOFTER, 0.0), float(levels)) if size > 0.5 else 0.0
+            if column & 7 == 0 or level < 0.0:
+                # Texture pixels that one pixel of the picture covers, squared: the mean of both directions.
+                ux, vx = (H[0, 0] - u * H[2, 0]) * w, (H[1, 0] - v * H[2, 0]) * w
+                uy, vy = (H[0, 1] - u * H[2, 1]) * w, (H[1, 1] - v * H[2, 1]) * w
+                size = 0.5 * ((ux * ux + vx * vx) * step_x + (uy * uy + vy * vy) * step_y)
+                level = min(max(0.5 * math.log2(size) + SOFTER, 0.0), float(levels)) if size > 0.5 else 0.0
             low = min(int(level), levels)
-            part = np.float32(level - low)
-            for k in range(channels):
-                if low == 0:
-                    value[k] = _read(texture, 0, rows, columns, u, v, k)
-                else:
-                    scale = 0.5**low
-                    top = rows - (rows >> (low - 1))
-                    value[k] = _read(
-                        smaller, top, rows >> low, columns >> low, (u + 0.5) * scale - 0.5, (v + 0.5) * scale - 0.5, k
-                    )
-                if part > 0.0:
-                    scale = 0.5 ** (low + 1)
-                    top = rows - (rows >> low)
-                    other = _read(
-                        smaller,
-                        top,
-                        rows >> (low + 1),
-                        columns >> (low + 1),
-                        (u + 0.5) * scale - 0.5,
-                        (v + 0.5) * scale - 0.5,
-                        k,
-                    )
-                    value[k] += part * (other - value[k])
+            # Halfway between two sizes both are mixed, near either it is taken alone.
+            part = np.float32(min(max(2.0 * (level - low) - 0.5, 0.0), 1.0))
+            if low == 0:
+                _read(texture, 0, rows, columns, u, v, channels, value)
+            else:
+                fine, top = 0.5**low, rows - (rows >> (low - 1))
+                shift = 0.5 * fine - 0.5
+                _read(smaller, top, rows >> low, columns >> low, u * fine + shift, v * fine + shift, channels, value)
+            if part > np.float32(0.02):
+                low += 1
+                coarse, top = 0.5**low, rows - (rows >> (low - 1))
+                shift = 0.5 * coarse - 0.5
+                _read(
+                    smaller, top, rows >> low, columns >> low, u * coarse + shift, v * coarse + shift, channels, other
+                )
+                for k in range(channels):
+                    value[k] += part * (other[k] - value[k])
             if by_mask:
                 weight *= value[0] / np.float32(255.0)
                 for k in range(3):

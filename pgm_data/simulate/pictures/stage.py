@@ -16,9 +16,10 @@ from pgm_data.simulate.pictures.body_mesh import Light, SkinnedBody, build_body,
 from pgm_data.simulate.pictures.looks import draw_look
 from pgm_data.simulate.pictures.negative import Props
 from pgm_data.simulate.pictures.officials import Official, draw_officials
+from pgm_data.simulate.pictures.people import blob_shadow
 from pgm_data.simulate.pictures.picture import Brush, Canvas
 from pgm_data.simulate.pictures.raster import Mesh, Sprite, blurred, darken, draw_triangles, over, shadow
-from pgm_data.simulate.pictures.shapes import in_pieces, polygons
+from pgm_data.simulate.pictures.shapes import in_pieces, polygons, stacked
 from pgm_data.simulate.pictures.turning import WideBackdrop
 from pgm_data.simulate.pictures.world import Surface, World, draw_world
 from pgm_data.simulate.shots import Masks
@@ -129,9 +130,16 @@ class Stage:
         # One sharp shadow shows its steps; of four faint ones nobody sees them.
         self._shadow_samples = 2 if canvas.fine and len(world.thrown) == 1 else 1
         self._front = world.front
-        self._world = replace(world, front=polygons([]))
+        shadows = world.shadows
+        if len(world.thrown) > 1:
+            # The faint shadows of many lamps need no outline of those who stand still.
+            places = [(o.place * np.array([1.0, 1.0, 0.0]), o.place[2] + 0.75) for o in officials if o.stands]
+            faint = [s for place, tall in places for t, dark in world.thrown for s in blob_shadow(place, tall, t, dark)]
+            shadows = stacked([shadows, polygons(faint)])
+        self._world = replace(world, front=polygons([]), shadows=shadows)
         self._wide = None if canvas.fine else WideBackdrop(self._size)
         self._last = b""
+        self._lit: tuple[bytes, list[Mesh]] = (b"", [])
         self._still: tuple[bytes, np.ndarray, list[tuple[np.ndarray, Sprite]]] | None = None
 
     def picture(self, view: View, moment: Moment, *, haze_px: float = 0.0) -> Float32[np.ndarray, "height width 3"]:
@@ -243,11 +251,9 @@ class Stage:
         else:
             self._wide.read(self._canvas, view, self._world, self._noise)
         people = []
-        for person in self._officials:
-            mesh = drawn_body(
-                person.body, person.R_world, person.t_world, self._light_at(person.place), view.centre_world
-            )
-            self._shade(view, mesh.vertices, mesh.triangles)
+        for person, mesh in zip(self._officials, self._standing(view), strict=True):
+            if len(self._world.thrown) == 1:
+                self._shade(view, mesh.vertices, mesh.triangles)
             sprite = draw_triangles(mesh, view, self._size, 2)
             if sprite is not None:
                 people.append((person.place, sprite))
@@ -256,6 +262,17 @@ class Stage:
             self._still = (key, image.copy(), list(people))
         self._last = key
         return people
+
+    def _standing(self, view: View) -> list[Mesh]:
+        """The officials' bodies as this camera's place shows them."""
+        key = view.centre_world.tobytes()
+        if self._lit[0] != key:
+            meshes = [
+                drawn_body(p.body, p.R_world, p.t_world, self._light_at(p.place), view.centre_world)
+                for p in self._officials
+            ]
+            self._lit = (key, meshes)
+        return self._lit[1]
 
     def _backdrop_masks(self, view: View) -> tuple[np.ndarray, np.ndarray]:
         """Ground and walls, from each pixel's ray."""

@@ -5,6 +5,7 @@ from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 
 from pgm_data.simulate.body.figure import world_from_joints
@@ -90,7 +91,8 @@ class MatchPictures:
         if shown is None:
             crowd = draw_crowd(rng, self._props)
             for i in range(first, len(seconds)):
-                yield self._flawed(crowd, span.first + i, self._finish)
+                closer = _closer(crowd, 1.02 + 0.012 * float(seconds[i]))
+                yield self._flawed(closer, span.first + i, self._finish)
             return
         moments = self.moments(play, shown.times[first:], recording.shutter_s)
         yield from self._drawn(
@@ -140,6 +142,13 @@ class MatchPictures:
     def _posed(self, play: Play, player: int, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         track = body_of(play, player, times)
         return world_from_joints(play.athletes[player].figure, track.root_position, track.rotations)
+
+
+def _closer(picture: np.ndarray, zoom: float) -> np.ndarray:
+    """The picture as a lens that zooms in about its middle shows it."""
+    height, width = picture.shape[:2]
+    moved = np.array([[zoom, 0.0, 0.5 * (1.0 - zoom) * (width - 1)], [0.0, zoom, 0.5 * (1.0 - zoom) * (height - 1)]])
+    return cv2.warpAffine(picture, moved, (width, height), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 
 def _ball_seen(play: Play, time: float, shutter_s: float, middle: np.ndarray) -> BallSeen | None:

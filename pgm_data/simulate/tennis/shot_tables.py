@@ -162,7 +162,7 @@ BODY: Quantiles = (1.1, 1.6, 1.9, 2.2, 2.7)
 CENTRE: Quantiles = (0.15, 0.3, 0.45, 0.7, 1.1)
 """Aimed distance from the middle line of body serves and of serves down the T, metres."""
 
-SERVE_HEIGHT: Quantiles = (1.57, 1.59, 1.6, 1.607, 1.615)
+SERVE_HEIGHT: Quantiles = (1.505, 1.525, 1.535, 1.542, 1.55)
 """Contact of a serve over the player's height."""
 SERVE_DEPTH = {1: (11.17, 11.28, 11.36, 11.46, 11.62), 2: (11.24, 11.36, 11.47, 11.56, 11.72)}
 """Contact of a first or second serve from the net, metres."""

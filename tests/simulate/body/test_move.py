@@ -43,7 +43,7 @@ def shot(rng, figure: Figure, player: int, shot_kind, time=TIME, near=None):
     kind, side, hands = shot_kind
     tall = figure.height_m
     if side == "overhead":
-        low, high, most = (1.5, 1.605, 0.0) if kind == "serve" else (1.34, 1.60, 0.5)
+        low, high, most = (1.45, 1.55, 0.0) if kind == "serve" else (1.34, 1.54, 0.5)
         z = tall * rng.uniform(low, high)
     else:
         z, most = rng.uniform(0.15, 0.6 if kind == "half_volley" else 1.03 * tall), 1.0 if hands == 1 else 0.45

@@ -116,7 +116,9 @@ def test_draft_lines_are_centred_on_average_but_not_at_every_place() -> None:
 
 
 @pytest.mark.parametrize("surface, seed", [("clay", 12), ("grass", 12)])
-def test_in_a_whole_clean_picture_the_near_baseline_lies_at_the_truth(surface: Literal["clay", "grass"], seed: int) -> None:
+def test_in_a_whole_clean_picture_the_near_baseline_lies_at_the_truth(
+    surface: Literal["clay", "grass"], seed: int
+) -> None:
     """Everything drawn and nothing spoilt: the middle of what is brighter than the ground on both sides."""
     scene = load_scene("tennis")
     assert scene.court is not None

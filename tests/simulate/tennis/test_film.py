@@ -137,7 +137,7 @@ def test_a_camera_on_the_ground_and_one_straight_above_see_the_players(centre: t
         aim_world=np.array(aim),
         aim_px=(160.0, 90.0),
         roll=0.0,
-        focal_px=200.0,
+        focal_px=max(200.0 if centre[2] < 1.0 else 0.0, 5.0 * centre[2]),
         principal_px=(159.5, 89.5),
         k=0.0,
     )
