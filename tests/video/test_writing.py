@@ -113,3 +113,18 @@ def test_bad_frames_are_refused_and_an_old_file_stays(tmp_path: Path) -> None:
     with pytest.raises(RuntimeError, match="the drawing failed"):
         write_video(path, failing(), fps=25)
     assert path.read_bytes() == b"old" and os.listdir(tmp_path) == [path.name]
+
+
+def test_the_same_pictures_are_always_the_same_bytes(tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    shape = (90, 160, 3)
+    blocks = [np.kron(rng.integers(0, 255, (9, 16, 3), np.uint8), np.ones((10, 10, 1), np.uint8)) for _ in range(12)]
+    pictures = [block + rng.integers(0, 30, shape, np.uint8) for block in blocks]
+    written = set()
+    for _ in range(25):
+        # What a process did before leaves its traces in memory that is not set.
+        traces = [np.full(size, rng.integers(255), np.uint8) for size in rng.integers(1000, 400_000, 40)]
+        del traces
+        write_video(tmp_path / "v.mp4", pictures, fps=25)
+        written.add((tmp_path / "v.mp4").read_bytes())
+    assert len(written) == 1

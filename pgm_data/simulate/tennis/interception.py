@@ -195,7 +195,7 @@ def _allowed(ready: Readiness, stances: list, heights: np.ndarray) -> np.ndarray
     tall = ready.athlete.figure.height_m
     overhead = np.array([side == "overhead" for side, _ in stances])
     low = np.where(overhead, (OVERHEAD_REACH[0] + 0.04) * tall, LOWEST_BALL_M + 0.03)
-    high = np.where(overhead, (OVERHEAD_REACH[1] - 0.04) * tall, GROUND_REACH * tall - 0.02)
+    high = np.where(overhead, (OVERHEAD_REACH[1] - 0.06) * tall, GROUND_REACH * tall - 0.02)
     fits = (heights[:, None] >= low) & (heights[:, None] <= high)
     most = np.where(overhead, 0.5, [_TWO_HANDED_STRETCH if hands == 2 else 1.0 for _, hands in stances])
     return fits[:, :, None] & (most[None, :] >= _STRETCHES[:, None]).T[None]
@@ -218,7 +218,9 @@ def _cost(ready, course, stances, times, balls, velocities) -> np.ndarray:
     falling = (velocities[:, 2] < -2.5) & (depth < 8.5)
     for j, (side, hands) in enumerate(stances):
         if side == "overhead":
-            cost[:, j] = np.where(falling, -1.0 + 0.4 * np.abs(height / ready.athlete.figure.height_m - 1.44) / 0.1, 9.0)
+            cost[:, j] = np.where(
+                falling, -1.0 + 0.4 * np.abs(height / ready.athlete.figure.height_m - 1.44) / 0.1, 9.0
+            )
         elif side == "backhand":
             cost[:, j] += 0.1
             if ready.athlete.backhand_hands == 2:

@@ -200,6 +200,24 @@ def test_a_hop_lifts_the_body_and_both_feet_by_its_height():
     assert joints_of(hop)[1, [NAMES.index("L_Toe"), NAMES.index("R_Toe")], 2].min() > 0.2
 
 
+def test_feet_travel_with_a_running_pelvis_that_hops_and_point_down():
+    times = np.arange(0.8, 1.6, 0.01)
+    plan = plan_of(lambda t: (0.0, 4.0 * t), lambda t: 0, 3.0)
+
+    def leap(t):
+        return replace(no_demand(t), hop=0.25 * np.maximum(1.0 - ((t - 1.2) / 0.23) ** 2, 0.0))
+
+    body = lower_body(FIGURE, plan, leap, times)
+    aloft = ~body.contact.any(axis=1) & (np.abs(times - 1.2) < 0.22)
+    joints = joints_of(body)
+    assert aloft.sum() > 40
+    for side in ("L_", "R_"):
+        ahead = (joints[:, NAMES.index(side + "Toe")] - body.root_position)[aloft, 1]
+        assert ahead.min() > min(ahead[0], ahead[-1]) - 0.04
+        assert joints[times.searchsorted(1.2), NAMES.index(side + "Ankle"), 2] > 0.37
+    assert laws.ground_penetration(FIGURE, track_of(body)).max() < 0.01
+
+
 def test_demands_turn_lower_and_lean_the_pelvis():
     times = np.array([1.4])
     plain = lower_body(FIGURE, PLANS["stand"], no_demand, times)

@@ -273,6 +273,20 @@ def test_a_server_lets_go_of_the_ball_where_the_toss_begins(seed):
 
 @settings(max_examples=12, deadline=None)
 @given(st.integers(0, 10**6))
+def test_a_server_jumps_no_higher_than_people_do_with_toes_that_point_down(seed):
+    figure, stroke, plan = drawn(seed, ("serve", "overhead", 1))
+    times = np.array([stroke.time])
+    track = body_track(figure, plan, (stroke,), at_ball(stroke), times)
+    R, t = world_from_joints(figure, track.root_position, track.rotations)
+    for side in ("L_", "R_"):
+        assert 0.05 < t[0, INDEX[side + "Toe"], 2] < 0.45
+        assert R[0, INDEX[side + "Ankle"], 2, 2] < -0.35
+    shoulders = [t[0, INDEX[side + "Shoulder"], 2] for side in ("L_", "R_")]
+    assert (shoulders[1] - shoulders[0]) * (1.0 if figure.hand == "right" else -1.0) > 0.15
+
+
+@settings(max_examples=12, deadline=None)
+@given(st.integers(0, 10**6))
 def test_both_hands_hold_the_grip_of_a_two_handed_drive(seed):
     figure, stroke, plan = drawn(seed, ("drive", "backhand", 2))
     times = np.arange(stroke.time - 0.3, stroke.time + 0.05, 0.01)

@@ -20,7 +20,7 @@ _spans = st.floats(0.12, 3.0)
 
 def _runs(track: Track, start: float) -> None:
     """Check a track from a start on by fine differences, independent of its own coefficients' meaning."""
-    times = start + np.arange(0.0, 6.0, 0.004)
+    times = start + np.arange(0.0, 10.0, 0.004)
     places = track.sampled(times)
     velocity = np.diff(places, axis=0) / 0.004
     acceleration = np.diff(velocity, axis=0) / 0.004
