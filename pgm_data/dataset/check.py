@@ -199,7 +199,9 @@ def _shots_of_clips(shots: dict[str, np.ndarray], clips: dict[str, CheckedClip])
 
 def _rows_of(words: np.ndarray) -> dict[str, np.ndarray]:
     """Rows of each word, in order."""
-    starts = np.flatnonzero(np.concatenate([[True], words[1:] != words[:-1]])) if len(words) else np.zeros(0, int)
+    if not len(words):
+        return {}
+    starts = np.flatnonzero(np.concatenate([[True], words[1:] != words[:-1]]))
     runs: dict[str, list[np.ndarray]] = {}
     for start, end in zip(starts, np.append(starts[1:], len(words)), strict=True):
         runs.setdefault(words[start], []).append(np.arange(start, end))

@@ -53,10 +53,8 @@ def write_video(
     if ticks is not None and any(after <= before for before, after in pairwise(ticks)):
         raise ValueError(f"write_video {path}: timestamps: expected rising by at least {float(base)} s, got otherwise")
     part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
-    # With its macroblock tree x264 encodes the same pictures to other bytes now and then, seen at widths such as 160.
-    options = {"crf": str(crf), "preset": preset, "x264-params": "mbtree=0"} | ({} if gop is None else {"g": str(gop)})
-    if gop == 1:
-        options["bf"] = "0"
+    # No frames between two others: with them x264 now and then encodes the same pictures to other bytes.
+    options = {"crf": str(crf), "preset": preset, "bf": "0"} | ({} if gop is None else {"g": str(gop)})
     count = 0
     try:
         # The index goes to the front, where a cut download still finds it; the start is kept as finely as the steps.

@@ -168,7 +168,7 @@ def test_cameras_are_the_true_ones_whatever_the_shape_of_the_picture(
         ]
 
     expected = scale * (seen(true) + 0.5) - 0.5 + [0, down]
-    assert np.linalg.norm(seen(solved) - expected, axis=1).max() < 0.3 * scale
+    assert np.linalg.norm(seen(solved) - expected, axis=1).max() < 0.4 * scale
     assert solved.K[0, 0, 0] == pytest.approx(scale * true.K[0, 0, 0], rel=0.03)
 
 

@@ -33,7 +33,7 @@ def test_a_match_has_its_video_and_the_truth_of_every_frame(tmp_path: Path) -> N
         "--matches",
         "1",
         "--minutes",
-        "0.02",
+        "0.008",
         "--no-dataset",
         "--duplicates",
         "--seed",
@@ -45,10 +45,10 @@ def test_a_match_has_its_video_and_the_truth_of_every_frame(tmp_path: Path) -> N
     camera = read_table(out / "work" / "tennis_3_000" / "camera.parquet")
     with open_video(out / "videos" / "tennis_3_000.mp4") as video:
         times = [frame.timestamp for frame in video]
-    assert len(times) == 30
+    assert len(times) == 12
     np.testing.assert_allclose(camera["timestamp"], times, atol=1e-6)
     assert set(camera["camera.status"]) == {"measured"}
-    options = ClipOptions(frames=30, width=160, height=90, duplicates=True)
+    options = ClipOptions(frames=12, width=160, height=90, duplicates=True)
     truth = simulate_clip(load_scene("tennis"), options, match_seed(3, 0))
     np.testing.assert_array_equal(camera["camera.K"].reshape(-1, 3, 3), truth.track.K)
     np.testing.assert_array_equal(camera["frame.is_duplicate"], truth.is_duplicate)
@@ -80,9 +80,7 @@ def _contents(folder: Path) -> dict[str, str]:
     }
 
 
-@pytest.mark.parametrize(
-    ("scene", "more"), [("tennis", ["--masks", "--duplicates"]), ("blocks", []), ("badminton", ["--pictures", "draft"])]
-)
+@pytest.mark.parametrize(("scene", "more"), [("tennis", ["--masks", "--duplicates"]), ("blocks", [])])
 def test_every_byte_is_the_same_with_workers_in_other_processes(scene: str, more: list[str], tmp_path: Path) -> None:
     argv = ["--scene", scene, "--matches", "2", "--minutes", "0.004", "--seed", "7", "--resolution", "128x72", *more]
     for jobs in ("1", "2"):
@@ -92,7 +90,7 @@ def test_every_byte_is_the_same_with_workers_in_other_processes(scene: str, more
 
 def test_tables_and_dataset_keep_the_contract_with_all_their_laws(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    argv = ["simulate", "--out", str(out), "--matches", "2", "--minutes", "0.3", "--seed", "1", "--masks"]
+    argv = ["simulate", "--out", str(out), "--matches", "1", "--minutes", "0.3", "--seed", "1", "--masks"]
     assert run([*argv, "--fps", "2", *SMALL]) == 0
     assert check_paths([out / "work", out / "dataset"]) == []
     clips = sorted(p.parent.name for p in (out / "work").glob("*/clip.json"))

@@ -118,8 +118,11 @@ def test_bad_frames_are_refused_and_an_old_file_stays(tmp_path: Path) -> None:
 def test_the_same_pictures_are_always_the_same_bytes(tmp_path: Path) -> None:
     rng = np.random.default_rng(5)
     shape = (90, 160, 3)
-    blocks = [np.kron(rng.integers(0, 255, (9, 16, 3), np.uint8), np.ones((10, 10, 1), np.uint8)) for _ in range(12)]
-    pictures = [block + rng.integers(0, 30, shape, np.uint8) for block in blocks]
+    pictures = [
+        np.kron(rng.integers(0, 255, (9, 16, 3), np.uint8), np.ones((10, 10, 1), np.uint8))
+        + rng.integers(0, 30, shape, np.uint8)
+        for _ in range(12)
+    ]
     written = set()
     for _ in range(25):
         # What a process did before leaves its traces in memory that is not set.

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from pgm_data.simulate.camera import pixels_of
@@ -91,6 +91,8 @@ def test_a_straight_streak_agrees_with_many_discs(start: tuple, end: tuple, foca
 @given(x=st.floats(-2, 2), y=st.floats(-5, 5), z=st.floats(0.03, 1.5), k=st.sampled_from([0.0, 0.05]))
 def test_a_resting_ball_lies_at_its_projection_and_has_its_size(x: float, y: float, z: float, k: float) -> None:
     view, place = _view(k), np.array([[x, y, z]])
+    px = _pixels(view, place)[0]
+    assume((px > 10).all() and (px < np.array(SIZE) - 10).all())
     sprite = ball_streak(place, np.ones(0), RADIUS, view, SIZE, SUNNY)
     assert sprite is not None
     # Square pixels draw the centroid of a disc of 2 px towards their centres.
