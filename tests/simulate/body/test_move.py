@@ -26,7 +26,7 @@ SHOTS = [
     *(("drop", "forehand", 1), ("drop", "backhand", 1), ("smash", "overhead", 1), ("serve", "overhead", 1)),
 ]
 ELEVATION = {"drive": 0.2, "slice": -0.3, "volley": -0.2, "half_volley": 0.2, "lob": 0.8, "drop": -0.3, "smash": -0.25}
-SPEEDS = {"serve": (30, 50), "drive": (15, 35), "volley": (5, 12), "smash": (22, 45)}
+SPEEDS = {"serve": (27, 50), "drive": (15, 35), "volley": (5, 12), "smash": (22, 45)}
 TIME = 2.5
 
 
