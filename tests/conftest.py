@@ -2,6 +2,7 @@
 
 import os
 import re
+import signal
 from pathlib import Path
 
 import hypothesis
@@ -26,6 +27,10 @@ def modules_to_check() -> list[str]:
 
 # Annotated `float` takes an int, as everywhere in Python.
 jaxtyping.install_import_hook(modules_to_check(), "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")
+
+# A shell that runs the tests in the background has Ctrl-C ignored, and so would the commands whose Ctrl-C is tested.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 hypothesis.settings.register_profile(
     "pgm",
