@@ -65,7 +65,7 @@ class SimulateOptions:
     shutter: float | None = None
     """Exposure as a share of the time between pictures, 0 to 1; by lot unless given."""
     wind: tuple[float, float] | None = None
-    """Wind along x and y, m/s; a light one by lot unless given."""
+    """Wind along x and y, m/s; calm unless given."""
     surface: Literal["any", "hard", "clay", "grass"] = "any"
     """Of a tennis court."""
     jobs: int = 0

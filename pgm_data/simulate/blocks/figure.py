@@ -20,7 +20,6 @@ PIXEL_M = 0.05625
 """One texel of the skin: the figure is 32 of them tall."""
 LEG_M = 12 * PIXEL_M
 SOLE_HALF_M = 2 * PIXEL_M
-ARM_M = 10 * PIXEL_M
 SWING_SPEEDS = (0.0, 1.0, 2.5, 4.3, 5.6)
 SWINGS = (0.0, 0.28, 0.5, 0.70, 0.84)
 """Largest angle of a leg at those speeds (m/s), radians."""

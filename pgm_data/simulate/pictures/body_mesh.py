@@ -19,7 +19,6 @@ from pgm_data.simulate.pictures.skinning import brighten, move, sunlit
 
 INFLUENCES = 4
 _FINENESS = {"fine": 0.8, "coarse": 0.42}
-_LIMBS = ("Hip", "Knee", "Ankle", "Shoulder", "Elbow", "Wrist")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -40,22 +40,6 @@ class Finish:
     """Graphics on top and their opacity."""
 
 
-CLEAN = Finish(
-    table=np.repeat(np.arange(256, dtype=np.uint8)[None, :, None], 3, axis=2),
-    grey=0.0,
-    blur_px=0.0,
-    smear_px=0,
-    shrink=1.0,
-    sharpen=0.0,
-    noise=0.0,
-    noise_kind=0,
-    vignette=0.0,
-    jpeg=0,
-    bars=(0, 0),
-    overlay=None,
-)
-
-
 def draw_finish(rng: np.random.Generator, width: int, height: int, *, hard: bool) -> Finish:
     """Flaws by lot; `hard` ones go beyond what a good broadcast shows."""
     unit = width / 640.0

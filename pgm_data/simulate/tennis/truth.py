@@ -34,9 +34,11 @@ def ball_at(play: Play, times: Float[np.ndarray, " times"]) -> tuple[np.ndarray,
     release = play.ball.contacts[0]
     held = times < release.time
     if held.any():
-        position[held] = _held(play, times[held])
         step = 1e-3
-        velocity[held] = (position[held] - _held(play, times[held] - step)) / step
+        # Both moments at once: every call plans the server's footsteps anew.
+        at = times[held]
+        now, before = np.split(_held(play, np.concatenate([at, at - step])), 2)
+        position[held], velocity[held] = now, (now - before) / step
     return position, velocity
 
 
