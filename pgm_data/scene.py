@@ -54,6 +54,8 @@ class Ball:
     """C = rho Cd A / (2 m), 1/m."""
     lift: Literal["none", "spin"]
     """Whether spin bends the flight."""
+    spin_std_rad_s: float
+    """Standard deviation of each component of the spin after a hit, about 0; 0 where spin does not count."""
     restitution: Prior | None
     """Vertical speed kept at a bounce; None where the ball does not bounce in play."""
     friction: Prior | None
@@ -232,13 +234,21 @@ def _skeleton(raw: object, place: str) -> Skeleton:
 
 def _ball(raw: object) -> Ball:
     ball = fields(
-        raw, "ball", required=("radius_m", "mass_kg", "drag_per_m", "lift"), optional=("restitution", "friction")
+        raw,
+        "ball",
+        required=("radius_m", "mass_kg", "drag_per_m", "lift"),
+        optional=("restitution", "friction", "spin_std_rad_s"),
     )
+    lift = word(ball["lift"], "ball.lift", ("none", "spin"))
+    if (lift == "spin") != ("spin_std_rad_s" in ball):
+        expected, got = ("a number", "none") if lift == "spin" else ("none", ball["spin_std_rad_s"])
+        raise FieldError(f"ball.spin_std_rad_s: expected {expected} since ball.lift is {lift}, got {got}")
     return Ball(
         radius_m=number(ball["radius_m"], "ball.radius_m", above=0),
         mass_kg=number(ball["mass_kg"], "ball.mass_kg", above=0),
         drag_per_m=_prior(ball["drag_per_m"], "ball.drag_per_m"),
-        lift=word(ball["lift"], "ball.lift", ("none", "spin")),
+        lift=lift,
+        spin_std_rad_s=number(ball["spin_std_rad_s"], "ball.spin_std_rad_s", above=0) if lift == "spin" else 0.0,
         restitution=_prior(ball["restitution"], "ball.restitution") if "restitution" in ball else None,
         friction=_prior(ball["friction"], "ball.friction") if "friction" in ball else None,
     )

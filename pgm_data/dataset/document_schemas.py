@@ -126,8 +126,13 @@ BALL = record(
     {
         "restitution": _prior("vertical speed kept at a bounce; absent where it does not bounce in play"),
         "friction": _prior("sliding friction at a bounce"),
+        "spin_std_rad_s": number("standard deviation of the spin after a hit about each axis, rad/s", above=0),
     },
-)
+) | {
+    "if": {"properties": {"lift": {"const": "spin"}}, "required": ["lift"]},
+    "then": {"required": ["spin_std_rad_s"]},
+    "else": {"properties": {"spin_std_rad_s": False}},
+}
 
 SCENE = record(
     "what a scene declares; nothing else is detected, solved, written or trained",
