@@ -38,14 +38,22 @@ class Court:
     """Half width and half length of the playing surface with its run-off, metres."""
     network: str
     """File name of the network that finds this court, empty where there is none."""
+    in_play: Float[np.ndarray, "areas 2 2"]
+    """Lower and upper x, y, metres, of where a ball in play may land, both halves, to the outer edges of the lines; no
+    row where the scene does not say."""
+    in_serve: Float[np.ndarray, "boxes 2 2"]
+    """The same of the areas for serves; a serve goes to that of the other half and the other side."""
 
     def __post_init__(self) -> None:
         """Keep read-only copies and check the values."""
-        for name in ("points_world", "line_width", "high_world"):
+        for name in ("points_world", "line_width", "high_world", "in_play", "in_serve"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
         object.__setattr__(self, "line_ends", frozen(self.line_ends, np.int64))
         if not (np.isfinite(self.points_world).all() and np.isfinite(self.high_world).all()):
             raise ValueError("court: expected finite points")
+        for name in ("in_play", "in_serve"):
+            if not (getattr(self, name)[:, 0] < getattr(self, name)[:, 1]).all():
+                raise ValueError(f"court.{name}: expected lower corners, then upper ones, got {getattr(self, name)}")
         for name, ends, width in zip(self.line_names, self.lines_world, self.line_width, strict=True):
             if not np.linalg.norm(ends[1] - ends[0]) > 0 or not width > 0:
                 raise ValueError(f"court.lines.{name}: expected a length and a width above 0, got {ends}, {width} m")

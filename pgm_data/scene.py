@@ -142,7 +142,7 @@ def _court(raw: object) -> Court:
         raw,
         "court",
         required=("stores", "points", "lines", "surface_half_size_m"),
-        optional=("out_of_plane", "net", "network"),
+        optional=("out_of_plane", "net", "network", "in_play", "in_serve"),
     )
     word(court["stores"], "court.stores", ("line_centres",))
     points = _points(court["points"], "court.points")
@@ -172,6 +172,8 @@ def _court(raw: object) -> Court:
             tape_width=number(net["tape_width_m"], "court.net.tape_width_m"),
             surface_half_size=(half_size[0], half_size[1]),
             network=word(court.get("network", ""), "court.network"),
+            in_play=_areas([court["in_play"]] if "in_play" in court else [], "court.in_play"),
+            in_serve=_areas(court.get("in_serve", []), "court.in_serve"),
         )
     except FieldError:
         raise
@@ -180,6 +182,15 @@ def _court(raw: object) -> Court:
 
 
 NO_NET = {"top": [], "tape_width_m": 0.0}
+
+
+def _areas(raw: object, place: str) -> np.ndarray:
+    """Rectangles by their lower and upper corners."""
+    areas = [sequence(area, place) for area in sequence(raw, place)]
+    wrong = next((area for area in areas if len(area) != 2), None)
+    if wrong is not None:
+        raise FieldError(f"{place}: expected a lower and an upper corner, got {wrong}")
+    return np.array([[numbers(corner, place, 2) for corner in area] for area in areas], dtype=float).reshape(-1, 2, 2)
 
 
 def _points(raw: object, place: str) -> dict[str, tuple[float, ...]]:

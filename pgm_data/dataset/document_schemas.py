@@ -58,6 +58,10 @@ def _prior(meaning: str) -> Schema:
     return record(meaning, {"mean": number("mean"), "std": number("standard deviation", above=0)})
 
 
+def _area(meaning: str) -> Schema:
+    return array(meaning, numbers("x, y of the lower, then of the upper corner, m", 2), 2)
+
+
 COURT = record(
     "the painted court; absent where a scene has none",
     {
@@ -87,6 +91,10 @@ COURT = record(
             },
         ),
         "network": text("file of the network that finds this court", pattern=RELATIVE_PATH),
+        "in_play": _area("where a ball in play may land, both halves, to the outer edges of the lines"),
+        "in_serve": array(
+            "where serves may land: that of the other half and the other side", _area("one of them"), least=1
+        ),
     },
 )
 
