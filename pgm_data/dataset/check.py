@@ -11,7 +11,9 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
+from pgm_data.dataset.clip_ball import BALL_TABLES
 from pgm_data.dataset.clip_check import CheckedClip, check_clip, shipped_scene
+from pgm_data.dataset.clip_laws import ball_event_faults, flight_event_faults
 from pgm_data.dataset.columns import TABLES, table_names
 from pgm_data.dataset.dataset_check import check_dataset, is_dataset
 from pgm_data.dataset.document_schemas import document_kinds
@@ -31,6 +33,7 @@ LEFTOVER = re.compile(r"^\..*\.\d+(\.tmp|\.part(\.\w+)?)?$|\.(tmp|part|partial)$
 DOCUMENT_NAMES = {
     "clip.json": "clip",
     "run.json": "run",
+    "run_ball3d.json": "run",
     "camera.json": "camera",
     "info.json": "dataset_info",
     "prompt.json": "prompt",
@@ -77,7 +80,7 @@ def examine(paths: Sequence[Path], *, kind: str = "", scene: Scene | None = None
 
 
 def _check_folder(path: Path, findings: Findings) -> None:
-    """A clip's folder, a dataset, a work folder, or what a simulator wrote: `work` and `dataset` in one folder."""
+    """A clip, a dataset, a work folder, the tables of a foreign track, or a simulator's `work` and `dataset`."""
     own = ("run.json", "shots.parquet")
     inner = [path / name for name in ("work", "dataset") if (path / name).is_dir()]
     if (path / "clip.json").exists():
@@ -90,8 +93,28 @@ def _check_folder(path: Path, findings: Findings) -> None:
     elif inner and not any((path / name).exists() for name in own):
         for folder in inner:
             _check_folder(folder, findings)
+    elif (path / "ball.parquet").exists() and not (path / "shots.parquet").exists():
+        _check_track(path, findings)
     else:
         _check_work(path, findings)
+
+
+def _check_track(folder: Path, findings: Findings) -> None:
+    """The ball's tables of a foreign track, which has no clip."""
+    _leftovers(folder, findings)
+    if findings.expect(folder / "run.json"):
+        findings.document(folder / "run.json", "run")
+    tables = {}
+    for name in BALL_TABLES:
+        path = folder / f"{name}.parquet"
+        if findings.expect(path):
+            findings.files.append(path)
+            scene = findings.scene or _scene_in_metadata(path)
+            tables[name], faults = table_faults(path, name, Context(scene=scene))
+            findings.add(path, faults)
+    if len(tables) == len(BALL_TABLES):
+        findings.add(folder / "ball_shots.parquet", flight_event_faults(tables["ball_shots"], tables["events"]))
+        findings.add(folder / "ball.parquet", ball_event_faults(tables["ball"], tables["events"]))
 
 
 def _check_file(path: Path, findings: Findings) -> None:
@@ -144,6 +167,8 @@ def _check_work(work: Path, findings: Findings) -> None:
     _leftovers(work, findings)
     if findings.expect(work / "run.json"):
         findings.document(work / "run.json", "run")
+    if (work / "run_ball3d.json").exists():
+        findings.document(work / "run_ball3d.json", "run")
     folders = sorted(p for p in work.iterdir() if p.is_dir() and p.name != STATE_FOLDER and _is_clip(p))
     clips = {folder.name: _check_clip(folder, findings) for folder in folders}
     path = work / "shots.parquet"
