@@ -1,4 +1,4 @@
-"""`pgm demo`: a short match drawn, calibrated, checked, and compared with its exact truth."""
+"""`pgm demo`: a short match drawn, its cameras and its ball found, checked, and compared with its exact truth."""
 
 import shutil
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ OURS = ("simulated", "work")
 
 @dataclass(frozen=True, kw_only=True)
 class DemoOptions:
-    """Simulate a short match, calibrate it, check it against its truth; or calibrate a video of yours."""
+    """Simulate a short match, find its cameras and its ball, check them against the truth; or take a video of yours."""
 
     video: Path | None = None
     """A video of yours instead of a simulated match; there is no truth to compare it with."""
@@ -51,13 +51,21 @@ def main(argv: list[str]) -> int:
     code = calibrate([str(source), "--out", str(work), "--scene", scene])
     if code not in (0, 3):
         return code
-    print("3. checking what was written")
+    print("3. placing the ball in metres")
+    from .ball3d import main as ball3d
+
+    # A video of yours may have no ball in flight, and still has its cameras.
+    placed = ball3d([str(work)]) if code == 0 or any(work.glob("*/camera.parquet")) else 0
+    if placed not in (0, 3, 4):
+        return placed
+    print("4. checking what was written")
     from .check import main as check
 
     checked = check([str(work)])
     if options.video is None:
-        print("4. comparing with the truth, which the calibration has not seen")
+        print("5. comparing with the truth, which nothing above has seen")
         print(_compared(simulated, work))
+        print(_ball_compared(simulated, work))
     overlays = sorted(work.glob("*/overlay.mp4"))
     print(f"\nopen {work / 'report.html'}" + (f"\nand  {overlays[0]}" if overlays else ""))
     return checked or code
@@ -118,3 +126,31 @@ def _compared(simulated: Path, work: Path) -> str:
         ("rms error of the court's lines", "-" if score.court_px is None else f"{score.court_px:.3f} px"),
     ]
     return table_text(("against the truth", ""), rows)
+
+
+def _ball_compared(simulated: Path, work: Path) -> str:
+    """A table of the ball's errors against the truth."""
+    import numpy as np
+    import pandas as pd
+
+    def tables(folder: Path, name: str) -> pd.DataFrame:
+        found = [pd.read_parquet(p) for p in sorted(folder.glob(f"*/{name}.parquet"))]
+        return pd.concat(found, ignore_index=True)
+
+    truth, solved = tables(simulated / "work", "ball"), tables(work, "ball")
+    both = solved.merge(truth, on="video_frame", suffixes=("", " true"))
+    placed = both[(both["ball.status"] != "none") & (both["ball.status true"] != "none")]
+    if not len(placed):
+        return table_text(("ball against the truth", ""), [("frames with the ball in metres", 0)])
+    position, true = (np.stack(placed[name].to_list()) for name in ("ball.position", "ball.position true"))
+    cov = np.stack(placed["ball.position_cov"].to_list())
+    error = np.linalg.norm(position - true, axis=1)
+    stated = np.sqrt(cov[:, [0, 3, 5]].sum(axis=1))
+    shots, true_shots = tables(work, "ball_shots"), tables(simulated / "work", "ball_shots")
+    rows = [
+        ("frames with the ball in metres", len(placed)),
+        ("error in metres, median", f"{100 * float(np.median(error)):.0f} cm"),
+        ("its stated standard deviation, median", f"{100 * float(np.median(stated)):.0f} cm"),
+        ("flights found / there", f"{len(shots)} / {len(true_shots)}"),
+    ]
+    return table_text(("ball against the truth", ""), rows)

@@ -36,6 +36,16 @@ VERBS: dict[str, Verb] = {
         summary="a camera for every frame of every video",
         example="pgm-calibrate matches/ --out work",
     ),
+    "ball3d": Verb(
+        module="ball3d",
+        summary="the ball in metres: its flight, contacts and speeds",
+        example="pgm-ball3d work",
+    ),
+    "view": Verb(
+        module="view",
+        summary="look at a clip in 3D",
+        example="pgm view work",
+    ),
     "simulate": Verb(
         module="simulate",
         summary="videos with their exact truth",
@@ -73,7 +83,7 @@ VERBS: dict[str, Verb] = {
     ),
     "demo": Verb(
         module="demo",
-        summary="simulate a short match, calibrate it, check it against its truth",
+        summary="simulate a short match, find cameras and ball, check them against the truth",
         example="pgm demo --out demo",
     ),
     "info": Verb(
@@ -192,6 +202,11 @@ def pgm() -> None:
 def pgm_calibrate() -> None:
     """Entry point of `pgm-calibrate`."""
     sys.exit(run_verb("calibrate", sys.argv[1:]))
+
+
+def pgm_ball3d() -> None:
+    """Entry point of `pgm-ball3d`."""
+    sys.exit(run_verb("ball3d", sys.argv[1:]))
 
 
 def pgm_train() -> None:

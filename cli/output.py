@@ -99,6 +99,24 @@ def prepare_output(out: Path, *, resume: bool, overwrite: bool) -> OutputFolder:
     return OutputFolder(out, lock)
 
 
+def hold_work(work: Path) -> OutputFolder:
+    """A work folder that an earlier command made, locked against other runs, for a stage that writes into its clips.
+
+    Raises:
+        UsageError: when it is in use, cannot be written, or no command of ours made it.
+    """
+    if not ((work / "run.json").is_file() or (work / STATE).is_dir()):
+        raise option_error("WORK", expected="a work folder, with run.json", got=f"{work} without it")
+    try:
+        (work / STATE).mkdir(exist_ok=True)
+        lock, _ = _take_lock(work / STATE / "lock.json")
+    except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        raise option_error("WORK", expected="a folder that can be written", got=f"{work}: {error.strerror}") from error
+    return OutputFolder(work, lock)
+
+
 def _refuse_entries(out: Path, *, resume: bool, overwrite: bool) -> None:
     entries = _entries(out) if out.exists() else set()
     if not entries:

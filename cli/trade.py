@@ -6,16 +6,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from .console import Progress, option_error, print_error
+from .console import option_error, print_error
 from .output import OutputFolder, prepare_output
 from .simulate import picture_size
+from .trade_ball import trade_ball3d
+from .trade_jobs import NOTHING_USABLE, JobProgress, failed_inputs, told
 
 if TYPE_CHECKING:
-    from pgm_data.stages.jobs import JobEvent
-    from pgm_data.stages.trade_calibrate import TradeOptions, TradeOutcome
-
-SOME_INPUTS_FAILED, NOTHING_USABLE = 3, 4
-FAILURES_SHOWN = 20
+    from pgm_data.stages.trade_calibrate import TradeOptions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +57,7 @@ class CalibrateTrade:
 def main(argv: list[str]) -> int:
     """Run the command; its exit code."""
     return tyro.extras.subcommand_cli_from_dict(
-        {"calibrate": _calibrate, "simulate": _simulate},
+        {"calibrate": _calibrate, "simulate": _simulate, "ball3d": trade_ball3d},
         args=argv,
         prog="pgm trade",
         description="Accuracy against time of every preset of a stage, on data with truth.",
@@ -143,7 +141,7 @@ def _calibrate(options: Annotated[CalibrateTrade, tyro.conf.arg(name="")]) -> in
 
     started = datetime.now(UTC)
     with prepare_output(options.out, resume=options.resume, overwrite=options.overwrite) as folder:
-        progress = _Jobs()
+        progress = JobProgress()
         try:
             outcome = run_trade(_trade(options, folder), on_event=progress.tell, on_jobs=progress.begin)
         except ValueError as error:
@@ -151,13 +149,10 @@ def _calibrate(options: Annotated[CalibrateTrade, tyro.conf.arg(name="")]) -> in
             return NOTHING_USABLE
         finally:
             progress.close()
-        inputs = [
-            {"path": job.name, "state": "failed", "reason": job.reason, "clips": [], "seconds": job.seconds}
-            for job in outcome.failed
-        ]
+        inputs = failed_inputs(outcome.failed)
         document = run_document(command="pgm trade calibrate", options=options, started=started, inputs=inputs)
         write_document(options.out / "run.json", "run", document)
-    return _told(outcome, options.out)
+    return told(outcome.figures.table(), outcome.failed, outcome.scored, options.out)
 
 
 def _check(options: CalibrateTrade) -> None:
@@ -208,40 +203,3 @@ def _trade(options: CalibrateTrade, folder: OutputFolder) -> "TradeOptions":
         workers=options.workers,
         resume=options.resume,
     )
-
-
-class _Jobs:
-    """Progress over the parts of a run."""
-
-    def __init__(self) -> None:
-        self._progress = Progress(total=0, unit="job")
-
-    def begin(self, total: int) -> None:
-        """Another part of so many jobs begins."""
-        self._progress.close()
-        self._progress = Progress(total=total, unit="job")
-
-    def tell(self, event: "JobEvent") -> None:
-        """Something happened to a job."""
-        if event.kind == "progress":
-            self._progress.update(event.name, event.share)
-        elif event.kind in ("done", "skipped"):
-            self._progress.finish(event.name)
-        elif event.kind == "failed":
-            self._progress.finish(event.name, f"{event.name}: {event.message}")
-
-    def close(self) -> None:
-        """Take the bar away."""
-        self._progress.close()
-
-
-def _told(outcome: "TradeOutcome", out: Path) -> int:
-    print(outcome.figures.table())
-    print(f"\nwrote {out / 'trade.md'}, {out / 'trade.svg'}, {out / 'trade.json'}")
-    for job in outcome.failed[:FAILURES_SHOWN]:
-        print_error(f"{job.name}: {job.reason}")
-    if len(outcome.failed) > FAILURES_SHOWN:
-        print_error(f"and {len(outcome.failed) - FAILURES_SHOWN} more failed, see rows.jsonl")
-    if not outcome.scored:
-        return NOTHING_USABLE
-    return SOME_INPUTS_FAILED if outcome.failed else 0

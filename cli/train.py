@@ -4,35 +4,31 @@ import sys
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
 from .console import UsageError, option_error, print_error
 
-EXAMPLE = "example: pgm-train court simulated --out runs/court --preset small --minutes 60"
+if TYPE_CHECKING:
+    from pgm_models.train import Outcome
+
+EXAMPLE = (
+    "examples: pgm-train court simulated --out runs/court --minutes 60\n"
+    "          pgm-train ball simulated --out runs/ball --minutes 45"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
-class CourtTraining:
-    """Train the network that finds a court's points in a picture, and write it as ONNX for the detector."""
+class RunChoices:
+    """What every training has: where its run lies, how long it takes, and what becomes of an earlier one."""
 
-    dataset: tyro.conf.Positional[Path]
-    """Folder with videos and their truth, as `pgm simulate` writes it; searched for clip folders."""
     out: Path
     """Folder of the run: checkpoint, log, exported network."""
-    preset: Literal["nano", "tiny", "small"] = "small"
-    """Size of the network."""
-    scene: str = "tennis"
-    """Scene whose court is learned."""
     minutes: float = 60.0
     """Minutes of training; the learning rate follows the clock. 0 to count steps instead."""
     steps: int = 0
-    """Optimiser steps, where `minutes` is 0."""
-    batch: int = 16
-    """Pictures per step."""
-    learning_rate: float = 2e-3
-    """Highest learning rate."""
+    """Optimiser steps; above 0 they count, and not the minutes."""
     precision: Literal["float32", "bfloat16"] = "bfloat16"
     """Of the inner arithmetic; about 1.7 times faster in bfloat16 on a CPU that has it."""
     threads: int = 2
@@ -49,25 +45,63 @@ class CourtTraining:
     """Train nothing: write the ONNX file from the checkpoint in `out`."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class CourtTraining(RunChoices):
+    """Train the network that finds a court's points in a picture, and write it as ONNX for the detector."""
+
+    dataset: tyro.conf.Positional[Path]
+    """Folder with videos and their truth, as `pgm simulate` writes it; searched for clip folders."""
+    preset: Literal["nano", "tiny", "small"] = "small"
+    """Size of the network."""
+    scene: str = "tennis"
+    """Scene whose court is learned."""
+    batch: int = 16
+    """Pictures per step."""
+    learning_rate: float = 2e-3
+    """Highest learning rate."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BallTraining(RunChoices):
+    """Train the network that finds the ball in pictures, or the one that tells what happens to it, and write it."""
+
+    datasets: tyro.conf.Positional[tuple[Path, ...]]
+    """Folders with clips and their truth, as `pgm simulate` writes them; for `events` one, which needs no pictures."""
+    part: Literal["picture", "events"] = "picture"
+    """The ball in three pictures that follow each other; or hits and bounces from its track."""
+    preset: Literal["nano", "small"] = "small"
+    """Size of the network for pictures."""
+    scene: str = "tennis"
+    """Scene whose ball is learned from pictures."""
+    batch: int | None = None
+    """Crops per step, 32 unless given; of `events` windows of about ten seconds, 16 unless given."""
+    learning_rate: float | None = None
+    """Highest learning rate; 2e-3 unless given, of `events` 3e-3."""
+
+
 def main(argv: list[str]) -> int:
     """Run the command; its exit code."""
     options = tyro.extras.subcommand_cli_from_dict(
-        {"court": _court}, args=argv, prog="pgm-train", description="Train a network on data with truth.\n\n" + EXAMPLE
+        {"court": _court, "ball": _ball},
+        args=argv,
+        prog="pgm-train",
+        description="Train a network on data with truth.\n\n" + EXAMPLE,
     )
     return int(options)
 
 
 def _court(options: Annotated[CourtTraining, tyro.conf.arg(name="")]) -> int:
     """Train the network that finds a court's points in a picture, and write it as ONNX for the detector."""
-    _check(options)
-    from pgm_models.detectors.court_run import CourtRunOptions, NoFrames, export_run, train_court
+    _check(options, (options.dataset,), options.batch, "court")
+    from pgm_models.detectors.clip_pictures import NoFrames
+    from pgm_models.detectors.court_run import CourtRunOptions, export_run, train_court
 
     run = CourtRunOptions(
         dataset=options.dataset,
         run=options.out,
         scene=options.scene,
         preset=options.preset,
-        minutes=options.minutes if not options.steps else 0.0,
+        minutes=_minutes(options),
         steps=options.steps,
         batch=options.batch,
         learning_rate=options.learning_rate,
@@ -76,40 +110,119 @@ def _court(options: Annotated[CourtTraining, tyro.conf.arg(name="")]) -> int:
         seed=options.seed,
         look_again_minutes=options.look_again_minutes,
     )
-    if options.export_only:
-        print(f"wrote {export_run(options.out, options.scene)}")
-        return 0
-    if options.overwrite:
-        for name in ("checkpoint.safetensors", "log.jsonl"):
-            (options.out / name).unlink(missing_ok=True)
-    try:
-        outcome = train_court(run, command=["pgm-train", *sys.argv[1:]], show=lambda line: print(line, flush=True))
-    except NoFrames as error:
-        print_error(str(error))
-        return 4
-    if outcome.state == "interrupted":
-        print(f"interrupted after step {outcome.step}; --resume goes on from there")
-        return 130
+    if not options.export_only:
+        try:
+            outcome = train_court(run, command=_command(), show=_show)
+        except NoFrames as error:
+            print_error(str(error))
+            return 4
+        if outcome.state == "interrupted":
+            return _interrupted(outcome)
     print(f"wrote {export_run(options.out, options.scene)}")
     return 0
 
 
-def _check(options: CourtTraining) -> None:
+def _ball(options: Annotated[BallTraining, tyro.conf.arg(name="")]) -> int:
+    """Train the network that finds the ball in pictures, or the one that tells what happens to it, and write it."""
+    _check(options, options.datasets, 2 if options.batch is None else options.batch, "ball")
+    return _ball_events(options) if options.part == "events" else _ball_picture(options)
+
+
+def _ball_picture(options: BallTraining) -> int:
+    from pgm_models.detectors.ball_run import BallRunOptions, export_ball_run, train_ball
+    from pgm_models.detectors.clip_pictures import NoFrames
+
+    run = BallRunOptions(
+        datasets=options.datasets,
+        run=options.out,
+        scene=options.scene,
+        preset=options.preset,
+        minutes=_minutes(options),
+        steps=options.steps,
+        batch=32 if options.batch is None else options.batch,
+        learning_rate=2e-3 if options.learning_rate is None else options.learning_rate,
+        precision=options.precision,
+        threads=options.threads,
+        seed=options.seed,
+        look_again_minutes=options.look_again_minutes,
+    )
+    try:
+        if not options.export_only:
+            outcome = train_ball(run, command=_command(), show=_show)
+            if outcome.state == "interrupted":
+                return _interrupted(outcome)
+        print(f"wrote {export_ball_run(run, show=_show)}")
+    except NoFrames as error:
+        print_error(str(error))
+        return 4
+    return 0
+
+
+def _ball_events(options: BallTraining) -> int:
+    from pgm_models.detectors.track_event_run import TrackEventRunOptions, export_run, train_track_events
+
+    if len(options.datasets) != 1:
+        raise option_error("DATASETS", expected="one folder, with --part events", got=len(options.datasets))
+    run = TrackEventRunOptions(
+        dataset=options.datasets[0],
+        run=options.out,
+        minutes=_minutes(options),
+        steps=options.steps,
+        batch=16 if options.batch is None else options.batch,
+        learning_rate=3e-3 if options.learning_rate is None else options.learning_rate,
+        threads=options.threads,
+        seed=options.seed,
+    )
+    if not options.export_only:
+        outcome = train_track_events(run, command=_command(), show=_show)
+        if outcome.state == "interrupted":
+            return _interrupted(outcome)
+    print(f"wrote {export_run(options.out)}")
+    return 0
+
+
+def _minutes(options: RunChoices) -> float:
+    return options.minutes if not options.steps else 0.0
+
+
+def _command() -> list[str]:
+    return ["pgm-train", *sys.argv[1:]]
+
+
+def _show(line: str) -> None:
+    print(line, flush=True)
+
+
+def _interrupted(outcome: "Outcome") -> int:
+    print(f"interrupted after step {outcome.step}; --resume goes on from there")
+    return 130
+
+
+def _check(options: RunChoices, datasets: tuple[Path, ...], batch: int, what: str) -> None:
+    """Refuse options that cannot be, and clear an earlier run where that is asked for."""
     for module in ("onnx", "onnxscript"):
         if find_spec(module) is None:
-            raise UsageError(f"pgm-train court: expected the package {module}, found none: install the extra 'export'")
-    if not options.export_only and not options.dataset.is_dir():
-        raise option_error("DATASET", expected="a folder", got=options.dataset)
+            raise UsageError(f"pgm-train {what}: expected the package {module}, found none: install the extra 'export'")
+    if not datasets:
+        raise option_error("DATASET", expected="a folder", got="none")
+    for dataset in datasets:
+        if not options.export_only and not dataset.is_dir():
+            raise option_error("DATASET", expected="a folder", got=dataset)
     if not options.steps and not options.minutes > 0:
         raise option_error("--minutes", expected="above 0, or --steps above 0", got=options.minutes)
     for name, value in {"--steps": options.steps, "--look-again-minutes": options.look_again_minutes}.items():
         if value < 0:
             raise option_error(name, expected="0 or more", got=value)
-    if options.batch < 2:
-        raise option_error("--batch", expected="at least 2, as its norms need", got=options.batch)
+    if batch < 2:
+        raise option_error("--batch", expected="at least 2, as its norms need", got=batch)
     begun = (options.out / "checkpoint.safetensors").exists()
-    if options.export_only and not begun:
-        raise option_error("--export-only", expected=f"a checkpoint in {options.out}", got="none")
-    if not options.export_only and not options.resume and not options.overwrite:
+    if options.export_only:
+        if not begun:
+            raise option_error("--export-only", expected=f"a checkpoint in {options.out}", got="none")
+        return
+    if not options.resume and not options.overwrite:
         if options.out.is_dir() and any(options.out.iterdir()):
             raise UsageError(f"--out: expected an empty or new folder, or --resume or --overwrite, got {options.out}")
+    if options.overwrite:
+        for name in ("checkpoint.safetensors", "log.jsonl"):
+            (options.out / name).unlink(missing_ok=True)

@@ -1,8 +1,10 @@
 """Everything a training run needs to go on exactly where it stopped, in one safetensors file."""
 
 import json
+import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 
 import torch
@@ -102,3 +104,12 @@ def restore_optimiser(network: nn.Module, optimiser: torch.optim.Optimizer, tens
             if key.startswith(prefix):
                 like = torch.empty_like(parameter) if value.shape == parameter.shape else torch.empty_like(value)
                 optimiser.state[parameter][key.removeprefix(prefix)] = like.copy_(value)
+
+
+def provenance(command: list[str]) -> dict[str, object]:
+    """What made a checkpoint: command, versions and kind of machine."""
+    return {
+        "command": command,
+        "versions": {name: version(name) for name in ("torch", "numpy", "opencv-contrib-python-headless")},
+        "machine": f"{platform.system()} {platform.machine()}, {torch.get_num_threads()} threads",
+    }

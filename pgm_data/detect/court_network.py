@@ -5,9 +5,7 @@ read from its heat maps below the size of a cell and carried back exactly. Pixel
 """
 
 import json
-import os
 from dataclasses import dataclass
-from importlib.resources import as_file, files
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +13,8 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from pgm_data.detect.onnx_file import network_file as network_file_of
+from pgm_data.detect.onnx_file import open_network
 from pgm_data.geometry.arrays import frozen
 
 if TYPE_CHECKING:
@@ -166,31 +166,12 @@ class CourtNetwork:
             FileNotFoundError: If there is no such file.
             ValueError: If it is not a court network, or finds other points than the court has.
         """
-        if path is not None:
-            return cls._open(path, names, threads, least_score)
-        shipped = files("pgm_data.detect").joinpath("weights", network_file)
-        if not network_file or not shipped.is_file():
-            raise FileNotFoundError(
-                f"court network: expected the file {network_file!r} in the package's folder {shipped}, found none"
-            )
-        with as_file(shipped) as file:
+        with network_file_of(path, shipped=network_file, what="court network") as file:
             return cls._open(file, names, threads, least_score)
 
     @classmethod
     def _open(cls, path: Path, names: tuple[str, ...] | None, threads: int, least_score: float) -> "CourtNetwork":
-        import onnxruntime
-
-        if not path.is_file():
-            raise FileNotFoundError(f"court network: expected a file at {path}, found none")
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = threads
-        options.inter_op_num_threads = 1
-        try:
-            session = onnxruntime.InferenceSession(os.fspath(path), options, providers=["CPUExecutionProvider"])
-        except Exception as error:  # onnxruntime raises classes of its own that share no base but this one.
-            raise ValueError(
-                f"court network {path}: expected an ONNX file, found what onnxruntime refuses: {error}"
-            ) from error
+        session = open_network(path, threads=threads, what="court network")
         about = session.get_modelmeta().custom_metadata_map
         shape = [i.shape[1:] for i in session.get_inputs()]
         wanted = [[3, INPUT_SIZE[1], INPUT_SIZE[0]]]

@@ -1,4 +1,4 @@
-"""A clip's video with the court drawn in through its cameras, and a few of its frames as pictures."""
+"""A clip's video with the court and the ball drawn in through its cameras, and a few of its frames as pictures."""
 
 import shutil
 from collections.abc import Iterator
@@ -10,8 +10,11 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Int, Shaped, UInt8
 
+from pgm_data.dataset.clip_ball import BALL_TABLES, read_clip_ball
 from pgm_data.dataset.clip_camera import ClipCamera, read_clip_camera
+from pgm_data.lift.ball.world import ball_world
 from pgm_data.scene import Scene
+from pgm_data.stages.ball_overlay import BallStrokes, ball_label, ball_strokes, draw_ball
 from pgm_data.stages.court_drawing import CourtStrokes, court_strokes, draw_court, draw_label, resized
 from pgm_data.video import DecodedFrame, open_video, write_video
 
@@ -21,6 +24,16 @@ KEY_FRAME_WIDTH = 960
 KEY_FRAME_FOLDER = "key_frames"
 """Beside a clip's other files: `000123.jpg` is the clip's frame 123 with the court drawn in."""
 REASON_CHARACTERS = 64
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ClipStrokes:
+    """What is drawn into a clip's pictures."""
+
+    court: CourtStrokes | None
+    """None where the scene has none."""
+    ball: BallStrokes | None
+    """None where the clip's ball has not been found yet."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -35,10 +48,10 @@ class KeyFrame:
 def write_overlay(
     work: Path, clip_id: str, *, video: Path, scene: Scene, max_width: int = 1280
 ) -> tuple[KeyFrame, ...]:
-    """Write the clip's overlay.mp4 and key frames; returns the key frames in order.
+    """Write the clip's overlay.mp4 and key frames, with its ball where it has tables of one; returns the key frames.
 
     Raises:
-        ValueError: If the video does not hold the frames of the clip's camera track.
+        ValueError: If the video does not hold the frames of the clip's camera track, or a table of the ball is bad.
     """
     return write_overlays(work, (clip_id,), video=video, scene=scene, max_width=max_width)[clip_id]
 
@@ -49,7 +62,7 @@ def write_overlays(
     """The same for several clips of one video, which is decoded once.
 
     Raises:
-        ValueError: If the video does not hold the frames of a clip's camera track.
+        ValueError: If the video does not hold the frames of a clip's camera track, or a table of a ball is bad.
     """
     tracks = [read_clip_camera(work / clip_id) for clip_id in clip_ids]
     for track in tracks:
@@ -59,12 +72,15 @@ def write_overlays(
     for one, following in pairwise(tracks):
         if one.video_frame[-1] >= following.video_frame[0]:
             raise ValueError(f"{video}: expected clips that share no frame, got {one.clip_id}, {following.clip_id}")
-    strokes = court_strokes(scene.court) if scene.court is not None else None
+    court = court_strokes(scene.court) if scene.court is not None else None
+    strokes = {
+        track.clip_id: ClipStrokes(court=court, ball=_ball(work / track.clip_id, track, scene)) for track in tracks
+    }
     key_frames: dict[str, tuple[KeyFrame, ...]] = {}
     with open_video(video) as reader:
         frames = iter(reader)
         for track in tracks:
-            painter = _Painter(track, strokes, (reader.info.width, reader.info.height), max_width)
+            painter = _Painter(track, strokes[track.clip_id], (reader.info.width, reader.info.height), max_width)
             start = float(track.timestamp[0])
             write_video(
                 work / track.clip_id / "overlay.mp4",
@@ -74,6 +90,19 @@ def write_overlays(
             key_frames[track.clip_id] = tuple(painter.key_frames)
             _save(work / track.clip_id / KEY_FRAME_FOLDER, painter.key_frames)
     return key_frames
+
+
+def _ball(folder: Path, track: ClipCamera, scene: Scene) -> BallStrokes | None:
+    """The clip's ball, where its tables are there."""
+    if (
+        scene.ball is None
+        or scene.court is None
+        or not all((folder / f"{name}.parquet").is_file() for name in BALL_TABLES)
+    ):
+        return None
+    world = ball_world(scene)
+    ball = read_clip_ball(folder, track.capture_time)
+    return ball_strokes(ball, ground_half_size=world.ground_half_size, floor_z=world.floor_z)
 
 
 def saved_key_frames(folder: Path) -> tuple[KeyFrame, ...]:
@@ -108,7 +137,7 @@ def key_frame_indices(
 class _Painter:
     """Draws one clip's frames as they stream by, and keeps its key frames."""
 
-    def __init__(self, track: ClipCamera, strokes: CourtStrokes | None, size: tuple[int, int], max_width: int) -> None:
+    def __init__(self, track: ClipCamera, strokes: ClipStrokes, size: tuple[int, int], max_width: int) -> None:
         self.track = track
         self.strokes = strokes
         self.size = size
@@ -117,7 +146,7 @@ class _Painter:
         self.key_frames: list[KeyFrame] = []
 
     def pictures(self, frames: Iterator[DecodedFrame], video: Path) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
-        """The clip's frames with the court drawn in."""
+        """The clip's frames with court and ball drawn in."""
         for index, video_frame in enumerate(self.track.video_frame.tolist()):
             frame = next((frame for frame in frames if frame.video_frame >= video_frame), None)
             if frame is None or frame.video_frame != video_frame:
@@ -134,25 +163,30 @@ def drawn(
     size: tuple[int, int],
     track: ClipCamera,
     index: int,
-    strokes: CourtStrokes | None,
+    strokes: ClipStrokes,
     max_width: int = 1280,
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """A decoded frame, made smaller where wider than `max_width`, with its court and a line about its camera.
+    """A decoded frame, made smaller where wider than `max_width`, with its court, its ball, and lines about them.
 
     Args:
         frame: The picture.
         size: Its displayed width and height, pixels.
         track: The clip's cameras.
         index: Frame of the clip.
-        strokes: The court; None where the scene has none.
+        strokes: Court and ball.
         max_width: Pixels.
     """
     picture = np.require(frame.small_bgr(min(size[0], max_width)), requirements=["C", "W"])
     status = str(track.status[index])
-    if strokes is not None and status != "none":
-        scale = np.array([picture.shape[1] / size[0], picture.shape[0] / size[1]])
-        draw_court(picture, strokes, resized(track.camera[index], scale), status)
-    draw_label(picture, _label(track, index), status)
+    scale = np.array([picture.shape[1] / size[0], picture.shape[0] / size[1]])
+    camera = resized(track.camera[index], scale)
+    if strokes.court is not None and status != "none":
+        draw_court(picture, strokes.court, camera, status)
+    lines = _label(track, index)
+    if strokes.ball is not None:
+        draw_ball(picture, strokes.ball, camera, index, scale)
+        lines = (*lines, ball_label(strokes.ball, index))
+    draw_label(picture, lines, status)
     return picture
 
 

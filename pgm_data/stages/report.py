@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from pgm_data.dataset.files import whole_file
+from pgm_data.stages.ball_report import COLUMNS, ball_cells, ball_section
 from pgm_data.stages.overlay import KeyFrame, saved_key_frames
 from pgm_data.stages.report_figures import (
     ClipFigures,
@@ -23,6 +24,7 @@ from pgm_data.stages.report_figures import (
     counted,
     work_figures,
 )
+from pgm_data.stages.report_parts import DASH, duration, number, share, table, tiles
 from pgm_data.stages.report_plots import Curve, plot, strip
 from pgm_data.stages.report_style import page
 
@@ -30,7 +32,6 @@ CLIPS_WITH_PLOTS = 60
 """Clips whose plots and pictures stand in the work folder's page; of more, those in worst state. All have their own."""
 THUMBNAIL_WIDTH = 480
 THUMBNAILS = 3
-DASH = "–"
 
 
 def write_clip_report(work: Path, clip_id: str) -> Path:
@@ -47,23 +48,24 @@ def write_clip_report(work: Path, clip_id: str) -> Path:
         f"<h1>{escape(clip_id)} {_pill(figures.state)}</h1>"
         f'<p class="quiet">{escape(figures.document["source_path"])}, scene {escape(figures.document["scene"])}'
         f", quality {escape(figures.document['quality'])}</p>{overlay}"
-        + _tiles(
+        + tiles(
             [
                 (f"{frames}", "frames"),
-                (_share(figures.frames_of("measured"), frames), "measured"),
-                (_share(figures.frames_of("interpolated"), frames), "interpolated"),
-                (_share(figures.frames_of("none"), frames), "no camera"),
+                (share(figures.frames_of("measured"), frames), "measured"),
+                (share(figures.frames_of("interpolated"), frames), "interpolated"),
+                (share(figures.frames_of("none"), frames), "no camera"),
                 (_median_px(figures), "reprojection, median px"),
-                (_number(figures.camera_summary.get("jitter_px"), 2), "jitter, px"),
+                (number(figures.camera_summary.get("jitter_px"), 2), "jitter, px"),
             ]
         )
         + f'<h2>Camera</h2><div class="card">{_facts(figures)}</div>'
         + f'<h2>Over time</h2><div class="card">{_plots(figures)}</div>'
         + _reasons("Frames that were not measured", figures.reasons, frames)
+        + (ball_section(figures.ball, str(figures.document["scene"])) if figures.ball is not None else "")
         + "<h2>Key frames</h2>"
         + (_pictures(figures, saved_key_frames(folder), small=False) or '<p class="quiet">No overlay was written.</p>')
     )
-    return _write(folder / "report.html", f"{clip_id}: camera", body)
+    return _write(folder / "report.html", f"{clip_id}: camera{' and ball' if figures.ball is not None else ''}", body)
 
 
 def write_work_report(work: Path) -> Path:
@@ -100,7 +102,7 @@ def _heading(work: Path, figures: WorkFigures) -> str:
     name = escape(work.resolve().name)
     if not run:
         return f'<h1>{name}</h1><p class="quiet">There is no run.json: not finished, or made by hand.</p>'
-    took = f", {_seconds(run['seconds'])}" if run.get("seconds") is not None else ", not finished"
+    took = f", {duration(run['seconds'])}" if run.get("seconds") is not None else ", not finished"
     version = run["versions"].get("pgm", "")
     commit = (run.get("commit") or "")[:10]
     made = " ".join(part for part in (f"pgm {version}" if version else "", commit) if part)
@@ -113,15 +115,15 @@ def _summary(figures: WorkFigures) -> str:
     frames = sum(_frames(clip) for clip in figures.clips)
     seconds = sum(video.seconds for video in figures.videos if video.seconds == video.seconds)
     decoded = sum(video.frames for video in figures.videos)
-    tiles = [
+    values = [
         (f"{len(states)}", "videos"),
         *((f"{states.count(state)}", state) for state in sorted(set(states), key=_severity)),
         (f"{len(figures.clips)}", "clips"),
         (f"{decoded or frames}", "frames decoded"),
-        (_share(sum(clip.frames_of("measured") for clip in figures.clips), frames), "of clip frames measured"),
-        (_number(decoded / seconds if seconds else None, 1), "frames/s of one process"),
+        (share(sum(clip.frames_of("measured") for clip in figures.clips), frames), "of clip frames measured"),
+        (number(decoded / seconds if seconds else None, 1), "frames/s of one process"),
     ]
-    return _tiles(tiles)
+    return tiles(values)
 
 
 def _videos(figures: WorkFigures) -> str:
@@ -129,54 +131,56 @@ def _videos(figures: WorkFigures) -> str:
     rows = [
         f'<tr><td class="name">{escape(video.path)}</td><td>{_pill(video.state)}</td>'
         f'<td class="n">{video.frames or DASH}</td><td class="n">{len(video.clips)}</td>'
-        f'<td class="n">{_number(video.seconds, 1)}</td><td class="n">{_number(video.frames_per_second, 1)}</td>'
+        f'<td class="n">{number(video.seconds, 1)}</td><td class="n">{number(video.frames_per_second, 1)}</td>'
         f'<td class="why">{escape(video.reason)}</td></tr>'
         for video in sorted(taken, key=lambda video: _severity(video.state))
     ]
     head = ("Video", "State", "Frames#", "Clips#", "Seconds#", "Frames/s#", "Reason")
-    return "<h2>Videos</h2>" + _table(head, rows) + _ignored([v for v in figures.videos if v.state == "ignored"])
+    return "<h2>Videos</h2>" + table(head, rows) + _ignored([v for v in figures.videos if v.state == "ignored"])
 
 
 def _ignored(videos: list[VideoFigures]) -> str:
     if not videos:
         return ""
     rows = [f'<tr><td class="name">{escape(v.path)}</td><td class="why">{escape(v.reason)}</td></tr>' for v in videos]
-    return f"<h2>Ignored files</h2>{_table(('File', 'Reason'), rows)}"
+    return f"<h2>Ignored files</h2>{table(('File', 'Reason'), rows)}"
 
 
 def _clips(figures: WorkFigures, speed: dict[str, float]) -> str:
     rows = []
+    with_ball = any(clip.ball is not None for clip in figures.clips)
     for clip in figures.clips:
         frames = _frames(clip)
         link = f"./{quote(clip.clip_id, errors='replace')}/report.html"
         repeats = int(clip.track.is_duplicate.sum())
         numbers = (
             f"{frames}",
-            _share(clip.frames_of("measured"), frames),
-            _share(clip.frames_of("interpolated"), frames),
-            _share(clip.frames_of("none"), frames),
+            share(clip.frames_of("measured"), frames),
+            share(clip.frames_of("interpolated"), frames),
+            share(clip.frames_of("none"), frames),
             _median_px(clip),
             _percentile_px(clip),
             _focal_range(clip),
         )
         cells = "".join(f'<td class="n">{value}</td>' for value in numbers)
-        tail = (_number(clip.camera_summary.get("jitter_px"), 2), _share(repeats, frames), _speed(speed, clip))
+        own = ball_cells(clip.ball) if with_ball else ()
+        tail = (*own, number(clip.camera_summary.get("jitter_px"), 2), share(repeats, frames), _speed(speed, clip))
         last = "".join(f'<td class="n">{value}</td>' for value in tail)
         rows.append(
             f'<tr><td class="name"><a href="{link}">{escape(clip.clip_id)}</a></td><td>{_pill(clip.state)}</td>'
             f"<td>{strip(clip.track.timestamp, clip.track.status, axis=False)}</td>{cells}"
             f'<td class="n">{_position(clip)}</td><td>{escape(_lens(clip))}</td>{last}</tr>'
         )
+    head = (
+        *("Clip", "State", "Over time", "Frames#", "Measured#", "Interpolated#", "None#", "Median px#", "95 % px#"),
+        *("Focal px#", "Position m#", "Lens", *(COLUMNS if with_ball else ()), "Jitter px#", "Repeats#", "Frames/s#"),
+    )
     for clip_id, reason in figures.unreadable:
         rows.append(
             f'<tr><td class="name">{escape(clip_id)}</td><td>{_pill("failed")}</td>'
-            f'<td class="why" colspan="13">{escape(reason)}</td></tr>'
+            f'<td class="why" colspan="{len(head) - 2}">{escape(reason)}</td></tr>'
         )
-    head = (
-        *("Clip", "State", "Over time", "Frames#", "Measured#", "Interpolated#", "None#", "Median px#", "95 % px#"),
-        *("Focal px#", "Position m#", "Lens", "Jitter px#", "Repeats#", "Frames/s#"),
-    )
-    return "<h2>Clips</h2>" + _table(head, rows)
+    return "<h2>Clips</h2>" + table(head, rows)
 
 
 def _details(work: Path, figures: WorkFigures) -> str:
@@ -209,11 +213,11 @@ def _reasons(title: str, reasons: tuple[ReasonCount, ...], frames: int) -> str:
     if not reasons:
         return ""
     rows = [
-        f'<tr><td class="n">{reason.frames}</td><td class="n">{_share(reason.frames, frames)}</td>'
+        f'<tr><td class="n">{reason.frames}</td><td class="n">{share(reason.frames, frames)}</td>'
         f'<td>{escape(reason.status)}</td><td class="why">{escape(reason.reason) or "no reason given"}</td></tr>'
         for reason in reasons
     ]
-    return f"<h2>{escape(title)}</h2>{_table(('Frames#', 'Share#', 'Status', 'Reason (one example)'), rows)}"
+    return f"<h2>{escape(title)}</h2>{table(('Frames#', 'Share#', 'Status', 'Reason (one example)'), rows)}"
 
 
 def _facts(clip: ClipFigures) -> str:
@@ -225,12 +229,12 @@ def _facts(clip: ClipFigures) -> str:
     facts = [
         ("Picture", size),
         ("Position", f"{_position(clip)} m"),
-        ("Focal length", f"{_focal_range(clip)} px, std {_number(_median(clip.track.focal_std_px), 1)} px"),
+        ("Focal length", f"{_focal_range(clip)} px, std {number(_median(clip.track.focal_std_px), 1)} px"),
         ("Principal point", f"{point[0]:.1f}, {point[1]:.1f} px" if point else DASH),
         ("Lens", f"{lens['model']}: {lens['reason']}" if lens else DASH),
         ("Evidence", _plain(evidence)),
         ("Reprojection", f"median {_median_px(clip)} px, 95 % {_percentile_px(clip)} px"),
-        ("Jitter", f"{_number(summary.get('jitter_px'), 2)} px"),
+        ("Jitter", f"{number(summary.get('jitter_px'), 2)} px"),
         ("Repeated frames", f"{int(clip.track.is_duplicate.sum())} of {_frames(clip)}"),
         ("Exposure", f"{clip.document['shutter_s']} s" if clip.document.get("shutter_s") else DASH),
     ]
@@ -282,22 +286,6 @@ def _thumbnail(key_frame: KeyFrame) -> KeyFrame:
     return KeyFrame(frame_index=key_frame.frame_index, jpeg=data.tobytes())
 
 
-def _table(head: tuple[str, ...], rows: list[str]) -> str:
-    """A table that scrolls sideways on a narrow page; a head that ends in # stands over numbers."""
-    if not rows:
-        return '<p class="quiet">none</p>'
-    cells = "".join(f"<th{' class=n' if h.endswith('#') else ''}>{escape(h.removesuffix('#'))}</th>" for h in head)
-    return f'<div class="scroll"><table><thead><tr>{cells}</tr></thead><tbody>{"".join(rows)}</tbody></table></div>'
-
-
-def _tiles(tiles: list[tuple[str, str]]) -> str:
-    return (
-        '<div class="tiles">'
-        + "".join(f'<div class="tile"><b>{escape(value)}</b><span>{escape(name)}</span></div>' for value, name in tiles)
-        + "</div>"
-    )
-
-
 def _pill(state: str) -> str:
     known = state if state in ("ok", "degraded", "failed") else ""
     return f'<span class="pill {known}">{escape(state)}</span>'
@@ -311,22 +299,6 @@ def _frames(clip: ClipFigures) -> int:
     return len(clip.track.status)
 
 
-def _share(part: int, whole: int) -> str:
-    if not whole:
-        return DASH
-    # 100 % only where it is all of them.
-    percent = 100 * part / whole
-    return f"{percent:.0f} %" if part in (0, whole) else f"{min(max(percent, 0.1), 99.9):.1f} %"
-
-
-def _number(value: float | None, places: int) -> str:
-    return DASH if value is None or not np.isfinite(value) else f"{value:.{places}f}"
-
-
-def _seconds(seconds: float) -> str:
-    return f"{seconds:.1f} s" if seconds < 120 else f"{seconds / 60:.1f} min"
-
-
 def _residuals(clip: ClipFigures) -> np.ndarray:
     return clip.track.reprojection_px[np.isfinite(clip.track.reprojection_px) & clip.track.has_camera]
 
@@ -337,12 +309,12 @@ def _median(values: np.ndarray) -> float | None:
 
 
 def _median_px(clip: ClipFigures) -> str:
-    return _number(_median(_residuals(clip)), 2)
+    return number(_median(_residuals(clip)), 2)
 
 
 def _percentile_px(clip: ClipFigures) -> str:
     values = _residuals(clip)
-    return _number(float(np.percentile(values, 95)) if len(values) else None, 2)
+    return number(float(np.percentile(values, 95)) if len(values) else None, 2)
 
 
 def _focal_range(clip: ClipFigures) -> str:
@@ -368,7 +340,7 @@ def _lens(clip: ClipFigures) -> str:
 
 
 def _speed(speed: dict[str, float], clip: ClipFigures) -> str:
-    return _number(speed.get(clip.clip_id), 1)
+    return number(speed.get(clip.clip_id), 1)
 
 
 def _plain(evidence: object) -> str:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Shaped
 
+from pgm_data.dataset.clip_ball import BALL_TABLES, ClipBall, read_clip_ball
 from pgm_data.dataset.clip_camera import ClipCamera, read_clip_camera
 from pgm_data.dataset.documents import read_document
 from pgm_data.dataset.tables import read_table
@@ -30,10 +31,12 @@ class ReasonCount:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ClipFigures:
-    """What a clip's `clip.json` and `camera.parquet` say."""
+    """What a clip's `clip.json`, `camera.parquet` and the tables of its ball say."""
 
     document: dict[str, Any]
     track: ClipCamera
+    ball: ClipBall | None
+    """None where the ball has not been found yet."""
     pan_deg: Float[np.ndarray, " frames"]
     """Where the camera looks: to the right of +y, degrees; NaN without a camera."""
     tilt_deg: Float[np.ndarray, " frames"]
@@ -123,13 +126,15 @@ def clip_figures(folder: Path) -> ClipFigures:
     """The figures of the clip in the folder.
 
     Raises:
-        ValueError: If its `clip.json` or `camera.parquet` cannot be read.
+        ValueError: If its `clip.json`, its `camera.parquet` or a table of its ball cannot be read.
     """
     track = read_clip_camera(folder)
+    has_ball = all((folder / f"{name}.parquet").is_file() for name in BALL_TABLES)
     forward_world = track.camera.R_cam_from_world[:, 2]
     return ClipFigures(
         document=read_document(folder / "clip.json", "clip"),
         track=track,
+        ball=read_clip_ball(folder, track.capture_time) if has_ball else None,
         pan_deg=np.degrees(np.arctan2(forward_world[:, 0], forward_world[:, 1])),
         tilt_deg=np.degrees(np.arcsin(np.clip(forward_world[:, 2], -1.0, 1.0))),
         reasons=counted(_pairs(track.status, track.reason, but="measured")),

@@ -17,6 +17,7 @@ from typing import TextIO
 from pgm_data.dataset.files import whole_file
 
 STAGES: dict[str, tuple[str, str]] = {
+    "ball3d": ("pgm_data.stages.ball_clips", "run_job"),
     "calibrate": ("pgm_data.stages.calibrate", "run_job"),
 }
 """Module and function of each stage; the function takes the job's arguments and a report of progress."""

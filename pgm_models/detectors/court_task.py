@@ -30,7 +30,8 @@ from pgm_models.detectors.augment import (
     shuffled,
     warp_picture,
 )
-from pgm_models.detectors.court_frames import CourtFrame, FrameSet
+from pgm_models.detectors.clip_pictures import FrameSet
+from pgm_models.detectors.court_frames import ClipFrames, CourtFrame
 from pgm_models.detectors.distractors import draw_other_court
 from pgm_models.detectors.heatmap_net import HeatmapNet, Preset
 from pgm_models.train import Batch, Task
@@ -132,7 +133,7 @@ class CourtTask(Task):
     def __init__(
         self,
         court: Court,
-        frames: Callable[[], FrameSet],
+        frames: Callable[[], FrameSet[ClipFrames]],
         options: CourtTaskOptions,
         augment: AugmentOptions,
         *,
@@ -169,7 +170,7 @@ class CourtTask(Task):
         pictures, truths, names = zip(*samples, strict=True)
         return _tensors(pictures, truths, names)
 
-    def _sample(self, frames: FrameSet, rng: np.random.Generator) -> tuple[np.ndarray, Truth, str]:
+    def _sample(self, frames: FrameSet[ClipFrames], rng: np.random.Generator) -> tuple[np.ndarray, Truth, str]:
         clip, number = frames.training[rng.integers(len(frames.training))]
         frame = frames.clips[clip].frame(int(number))
         if not frame.has_court and rng.random() < self.options.other_courts:

@@ -1,18 +1,24 @@
-"""A trained court network as one ONNX file, for the reader in `pgm_data.detect.court_network`."""
+"""Trained networks as ONNX files, for the readers in `pgm_data.detect`."""
 
 import json
 import warnings
 from copy import deepcopy
+from dataclasses import asdict
 from pathlib import Path
+from typing import TypeVar
 
 import torch
 from torch import nn
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from pgm_data.dataset.files import whole_file
+from pgm_data.detect.ball.network import CHANNELS, Calibration
 from pgm_data.detect.court_network import INPUT_SIZE
 from pgm_models.checkpoint import Checkpoint
+from pgm_models.detectors.ball_net import BALL_PRESETS, BallNet
 from pgm_models.detectors.heatmap_net import PRESETS, ConvNorm, HeatmapNet, Residual, Up
+
+Network = TypeVar("Network", bound=nn.Module)
 
 
 def network_from_checkpoint(checkpoint: Checkpoint) -> HeatmapNet:
@@ -23,7 +29,14 @@ def network_from_checkpoint(checkpoint: Checkpoint) -> HeatmapNet:
     return network.eval()
 
 
-def fold_norms(network: HeatmapNet) -> HeatmapNet:
+def ball_network_from_checkpoint(checkpoint: Checkpoint) -> BallNet:
+    """The network with the averaged weights, in evaluation mode."""
+    network = BallNet(BALL_PRESETS[checkpoint.options["task"]["options"]["preset"]])
+    network.load_state_dict(checkpoint.average)
+    return network.eval()
+
+
+def fold_norms(network: Network) -> Network:
     """A copy without batch norms: each is folded into the convolution before it."""
     folded = deepcopy(network).eval()
     for module in list(folded.modules()):
@@ -47,18 +60,50 @@ def export_court(network: HeatmapNet, names: tuple[str, ...], path: Path, *, abo
 
     Input `picture` (1, 3, rows, columns), red green blue in 0..1; outputs `points`, `absent`, `line`: logits.
     """
+    inputs = {"picture": torch.zeros(1, 3, INPUT_SIZE[1], INPUT_SIZE[0])}
+    metadata = {"points": list(names), "about": about}
+    write_onnx(fold_norms(network), inputs, ("points", "absent", "line"), path, metadata=metadata)
+
+
+def export_ball(network: BallNet, calibration: Calibration, path: Path, *, about: dict[str, object]) -> None:
+    """Write the network as one ONNX file with its calibration and `about`, JSON values, in its metadata.
+
+    Inputs `grey` (1, 3, rows, columns) and `colour` (1, 2, rows / 2, columns / 2), any multiples of 16; output
+    `answers` (1, channels, rows / 4, columns / 4).
+    """
+    rows, columns = 96, 160
+    inputs = {
+        "grey": torch.zeros(1, 3, rows, columns, dtype=torch.uint8),
+        "colour": torch.zeros(1, 2, rows // 2, columns // 2, dtype=torch.uint8),
+    }
+    half_rows, half_columns = torch.export.Dim("half_rows"), torch.export.Dim("half_columns")
+    sizes = ({2: 16 * half_rows, 3: 16 * half_columns}, {2: 8 * half_rows, 3: 8 * half_columns})
+    metadata = {"ball_channels": list(CHANNELS), "calibration": asdict(calibration), "about": about}
+    write_onnx(fold_norms(network), inputs, ("answers",), path, metadata=metadata, sizes=sizes)
+
+
+def write_onnx(
+    network: nn.Module,
+    inputs: dict[str, torch.Tensor],
+    outputs: tuple[str, ...],
+    path: Path,
+    *,
+    metadata: dict[str, object],
+    sizes: tuple[dict, ...] | None = None,
+) -> None:
+    """Write the network as one ONNX file, its metadata as JSON; `sizes` says which axes of the inputs may vary."""
     import onnx
 
-    picture = torch.zeros(1, 3, INPUT_SIZE[1], INPUT_SIZE[0])
     path.parent.mkdir(parents=True, exist_ok=True)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FutureWarning)  # the exporter warns of its own internals
         program = torch.onnx.export(
-            fold_norms(network),
-            (picture,),
+            network,
+            tuple(inputs.values()),
             dynamo=True,
-            input_names=["picture"],
-            output_names=["points", "absent", "line"],
+            input_names=list(inputs),
+            output_names=list(outputs),
+            dynamic_shapes=sizes,
             verbose=False,
         )
     if program is None:
@@ -73,8 +118,8 @@ def export_court(network: HeatmapNet, names: tuple[str, ...], path: Path, *, abo
         value.doc_string = ""
     del model.graph.metadata_props[:]
     del model.metadata_props[:]
-    for key, value in {"points": json.dumps(list(names)), "about": json.dumps(about)}.items():
-        model.metadata_props.add(key=key, value=value)
+    for key, value in metadata.items():
+        model.metadata_props.add(key=key, value=json.dumps(value))
     onnx.checker.check_model(model)
     with whole_file(path) as temporary:
         temporary.write_bytes(model.SerializeToString())

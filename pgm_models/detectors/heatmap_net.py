@@ -123,8 +123,8 @@ class Up(nn.Module):
         return self.mix(wide + fine)
 
 
-def multiply_adds(net: HeatmapNet, height: int, width: int) -> int:
-    """Multiply-accumulates of the convolutions and linear layers for one picture of that size."""
+def multiply_adds(net: nn.Module, *inputs: Tensor) -> int:
+    """Multiply-accumulates of the convolutions and linear layers for those inputs, a batch of one each."""
     total = 0
 
     def count(layer: nn.Module, inputs: tuple[Tensor, ...], output: Tensor) -> None:
@@ -136,7 +136,7 @@ def multiply_adds(net: HeatmapNet, height: int, width: int) -> int:
     was_training = net.training
     net.eval()
     with torch.no_grad():
-        net.forward(torch.zeros(1, 3, height, width))
+        net(*inputs)
     net.train(was_training)
     for hook in hooks:
         hook.remove()

@@ -12,7 +12,8 @@ from pgm_data.dataset.clip_camera import ClipCamera, write_clip_camera
 from pgm_data.geometry.camera import Camera
 from pgm_data.scene import load_scene
 from pgm_data.video import write_video
-from pgm_models.detectors.court_frames import ClipFrames, FrameSet, court_pixels, divide
+from pgm_models.detectors.clip_pictures import FrameSet, Pictures
+from pgm_models.detectors.court_frames import ClipFrames, court_pixels, divide
 
 SIZE = (640, 360)
 
@@ -58,8 +59,7 @@ def toy_clip(folder: Path, frames: int, seed: int) -> ClipFrames:
             offsets.append(offsets[-1] + len(data))
     return ClipFrames(
         clip_id=f"toy{seed}",
-        jpegs=path,
-        offsets=np.array(offsets),
+        pictures=Pictures(jpegs=path, offsets=np.array(offsets)),
         points_px=np.stack(points),
         lines_px=np.stack(lines),
     )

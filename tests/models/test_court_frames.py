@@ -3,8 +3,8 @@ import pytest
 
 from pgm_data.geometry.camera import Camera, project
 from pgm_data.scene import load_scene
-from pgm_models.detectors.court_frames import court_pixels, divide, find_clips, find_video, prepare_clip
-from pgm_models.detectors.court_run import GrowingFrames
+from pgm_models.detectors.clip_pictures import GrowingClips, find_clips, find_video
+from pgm_models.detectors.court_frames import court_pixels, divide, prepare_clip
 
 SCENE = load_scene("tennis")
 
@@ -63,19 +63,26 @@ def test_a_lost_video_is_named(dataset):
         find_video(folder, dataset)
 
 
+def growing_clips(dataset, cache, *, growing, show):
+    def prepare(folder, video):
+        return prepare_clip(folder, video, cache, SCENE.court)
+
+    return GrowingClips((dataset,), (), prepare, divide, growing=growing, show=show)
+
+
 def test_a_growing_dataset_waits_for_what_is_not_whole_and_a_finished_one_does_not(dataset, tmp_path):
     said = []
     broken = dataset / "work" / "later"
     broken.mkdir()
     for name in ("clip.json", "camera.parquet"):
         (broken / name).write_bytes((dataset / "work" / "mix" / name).read_bytes())
-    frames = GrowingFrames(dataset, tmp_path / "a", SCENE.court, growing=True, show=said.append)
+    frames = growing_clips(dataset, tmp_path / "a", growing=True, show=said.append)
     assert len(frames().training) == 4
     assert any("not yet usable" in line and "later" in line for line in said)
     with pytest.raises(ValueError, match="later"):
-        GrowingFrames(dataset, tmp_path / "b", SCENE.court, growing=False, show=said.append)
+        growing_clips(dataset, tmp_path / "b", growing=False, show=said.append)
 
 
 def test_a_folder_without_clips_is_refused(tmp_path):
     with pytest.raises(ValueError, match="expected clip folders"):
-        GrowingFrames(tmp_path, tmp_path / "cache", SCENE.court, growing=False, show=print)
+        growing_clips(tmp_path, tmp_path / "cache", growing=False, show=print)

@@ -1,0 +1,59 @@
+"""What the trades that run jobs share: their progress, and what is told of them at the end."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .console import Progress, print_error
+
+if TYPE_CHECKING:
+    from pgm_data.stages.jobs import JobEvent, JobOutcome
+
+SOME_INPUTS_FAILED, NOTHING_USABLE = 3, 4
+FAILURES_SHOWN = 20
+
+
+class JobProgress:
+    """Progress over the parts of a run."""
+
+    def __init__(self) -> None:
+        self._progress = Progress(total=0, unit="job")
+
+    def begin(self, total: int) -> None:
+        """Another part of so many jobs begins."""
+        self._progress.close()
+        self._progress = Progress(total=total, unit="job")
+
+    def tell(self, event: "JobEvent") -> None:
+        """Something happened to a job."""
+        if event.kind == "progress":
+            self._progress.update(event.name, event.share)
+        elif event.kind in ("done", "skipped"):
+            self._progress.finish(event.name)
+        elif event.kind == "failed":
+            self._progress.finish(event.name, f"{event.name}: {event.message}")
+
+    def close(self) -> None:
+        """Take the bar away."""
+        self._progress.close()
+
+
+def failed_inputs(failed: Sequence["JobOutcome"]) -> list[dict]:
+    """Jobs that came to nothing, as the run's document names them."""
+    return [
+        {"path": job.name, "state": "failed", "reason": job.reason, "clips": [], "seconds": job.seconds}
+        for job in failed
+    ]
+
+
+def told(table: str, failed: Sequence["JobOutcome"], scored: int, out: Path) -> int:
+    """Print the tables and what failed; the exit code."""
+    print(table)
+    print(f"\nwrote {out / 'trade.md'}, {out / 'trade.svg'}, {out / 'trade.json'}")
+    for job in failed[:FAILURES_SHOWN]:
+        print_error(f"{job.name}: {job.reason}")
+    if len(failed) > FAILURES_SHOWN:
+        print_error(f"and {len(failed) - FAILURES_SHOWN} more failed, see rows.jsonl")
+    if not scored:
+        return NOTHING_USABLE
+    return SOME_INPUTS_FAILED if failed else 0
