@@ -31,6 +31,14 @@ class BallTrade:
     """Methods to run."""
     quality: tuple[Literal["draft", "standard", "best"], ...] = ("draft", "standard", "best")
     """Presets of the physics method to run."""
+    kind: tuple[Literal["serve", "forehand_near", "forehand_far", "slice", "lob"], ...] = (
+        "serve",
+        "forehand_near",
+        "forehand_far",
+        "slice",
+        "lob",
+    )
+    """Kinds of shots to draw."""
     shots: int = 40
     """Drawn shots of each kind; 0 for none."""
     rallies: int = 12
@@ -86,7 +94,7 @@ def _check(options: BallTrade) -> None:
     ):
         if not low <= value <= high:
             raise option_error(name, expected=f"{low} to {high}", got=value)
-    for name, chosen in (("--method", options.method), ("--quality", options.quality)):
+    for name, chosen in (("--method", options.method), ("--quality", options.quality), ("--kind", options.kind)):
         if not chosen or len(set(chosen)) < len(chosen):
             raise option_error(name, expected="some, each once", got=" ".join(chosen) or "none")
     for name, path in (("DATA", options.data), ("--real", options.real)):
@@ -114,6 +122,7 @@ def _trade(options: BallTrade, folder: OutputFolder) -> "BallTradeOptions":
         out=options.out,
         state_dir=folder.state_dir,
         solvers=solvers_of(options),
+        kinds=options.kind,
         shots=options.shots,
         rallies=options.rallies,
         sweeps=options.sweeps,

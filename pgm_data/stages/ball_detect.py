@@ -57,6 +57,13 @@ def picture_moves(
     return moves
 
 
+def turns(moves: Sequence[Float[np.ndarray, "3 3"] | None]) -> Float[np.ndarray, "frames 3 3"] | None:
+    """The moves with the identity where the camera stands still; None where it does throughout."""
+    if all(move is None for move in moves):
+        return None
+    return np.stack([np.eye(3) if move is None else move for move in moves])
+
+
 def made_finders(options: DetectOptions, *, fps: float) -> list[CandidateFinder]:
     """The detectors that the options ask for; `fps` are distinct pictures a second.
 
@@ -130,7 +137,7 @@ def detect_clips(
                 times=clip.capture_time,
                 is_duplicate=clip.is_duplicate,
                 size=size,
-                here_from_previous=moves,
+                here_from_previous=turns(moves),
                 options=LinkOptions(),
             )
             yield clip, track, size

@@ -104,7 +104,7 @@ def _video(work: Path, document: dict[str, Any], videos: Path | None, clip_id: s
     try:
         return source_video(work, document, videos), ""
     except FieldError as error:
-        return None, str(error.at(clip_id))
+        return None, f"{error.at(clip_id)}; --videos says where videos are"
 
 
 def marks_by_clip(path: Path, work: Path) -> dict[str, Path]:

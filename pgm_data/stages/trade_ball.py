@@ -53,6 +53,8 @@ class BallTradeOptions:
     scene: str = "tennis"
     solvers: tuple[str, ...] = ("line", "draft", "standard", "best")
     """Of `SOLVERS`."""
+    kinds: tuple[str, ...] = SHOT_KINDS
+    """Of shots that are drawn."""
     shots: int = 40
     """Drawn shots of each kind."""
     rallies: int = 12
@@ -68,6 +70,11 @@ class BallTradeOptions:
     seed: int = 0
     workers: int = 1
     resume: bool = False
+
+    @property
+    def some(self) -> tuple[str, ...]:
+        """The solvers that other settings are solved by."""
+        return tuple(name for name in self.sweep_solvers if name in self.solvers)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -142,61 +149,56 @@ def ended_jobs(jobs: Sequence[Job], log: JobLog) -> list[JobOutcome]:
 
 def drawing_jobs(options: BallTradeOptions) -> list[Job]:
     """Jobs of the setting that the bars are for."""
-    solved: list[Job] = []
-    for kind, count, batch in (
-        *((kind, options.shots, BATCH) for kind in SHOT_KINDS),
-        ("rally", options.rallies, RALLY_BATCH),
-    ):
-        sources = [GIVEN, FOUND] if kind == "rally" else [GIVEN]
-        solved += _batches(options, BASE, CaseOptions(), kind, count, batch, options.solvers, sources)
+    base = CaseOptions()
+    jobs = []
+    for kind in options.kinds:
+        for first in range(0, options.shots, BATCH):
+            cases = [(kind, first, min(BATCH, options.shots - first))]
+            jobs.append(_job(options, BASE, base, cases, options.solvers, [GIVEN]))
+    for first in range(0, options.rallies, RALLY_BATCH):
+        cases = [("rally", first, min(RALLY_BATCH, options.rallies - first))]
+        jobs.append(_job(options, BASE, base, cases, options.solvers, [GIVEN, FOUND]))
     # Of a single shot the track ends at its contacts, which then are hard to find: some tell what it costs.
-    some = [name for name in options.sweep_solvers if name in options.solvers]
-    if some:
-        for kind in SHOT_KINDS:
-            solved += _batches(options, BASE, CaseOptions(), kind, options.shots // 4, BATCH, some, [FOUND])
-    return solved
+    few = [(kind, 0, options.shots // 4) for kind in options.kinds if options.shots >= 4]
+    if few and options.some:
+        jobs.append(_job(options, BASE, base, few, options.some, [FOUND]))
+    return jobs
 
 
 def sweep_jobs(options: BallTradeOptions) -> list[Job]:
     """Jobs of the other settings."""
-    some = [name for name in options.sweep_solvers if name in options.solvers]
-    jobs: list[Job] = []
-    for setting, case in sweep_settings().items():
-        for kind in SHOT_KINDS:
-            jobs += _batches(options, setting, case, kind, options.sweeps, BATCH, some, [GIVEN])
-        jobs += _batches(options, setting, case, "rally", options.sweeps // 4, RALLY_BATCH, some, [GIVEN])
-    return jobs if some else []
+    cases = [(kind, 0, options.sweeps) for kind in options.kinds]
+    cases += [("rally", 0, options.sweeps // 4)] if options.sweeps >= 4 else []
+    if not options.some:
+        return []
+    return [_job(options, name, case, cases, options.some, [GIVEN]) for name, case in sweep_settings().items()]
 
 
-def _batches(
+def _job(
     options: BallTradeOptions,
     setting: str,
     case: CaseOptions,
-    kind: str,
-    count: int,
-    batch: int,
+    cases: Sequence[tuple[str, int, int]],
     solvers: Sequence[str],
     sources: Sequence[str],
-) -> list[Job]:
-    return [
-        Job(
-            name=f"{setting}, {kind} {first:03d}, {'+'.join(sources)}",
-            stage="trade",
-            entry=SOLVE,
-            arguments={
-                "scene": options.scene,
-                "setting": setting,
-                "options": asdict(case) | {"size": list(case.size)},
-                "kind": kind,
-                "first": first,
-                "count": min(batch, count - first),
-                "seed": options.seed,
-                "solvers": list(solvers),
-                "sources": list(sources),
-            },
-        )
-        for first in range(0, count, batch)
-    ]
+) -> Job:
+    """A job that solves cases, each given by kind, first number and count."""
+    kind, first, _ = cases[0]
+    what = f"{kind} {first:03d}" if len(cases) == 1 else "shots"
+    return Job(
+        name=f"{setting}, {what}, contacts {' and '.join(sources)}",
+        stage="trade",
+        entry=SOLVE,
+        arguments={
+            "scene": options.scene,
+            "setting": setting,
+            "options": asdict(case) | {"size": list(case.size)},
+            "cases": [list(entry) for entry in cases],
+            "seed": options.seed,
+            "solvers": list(solvers),
+            "sources": list(sources),
+        },
+    )
 
 
 def rows_of(outcomes: Sequence[JobOutcome]) -> list[dict]:

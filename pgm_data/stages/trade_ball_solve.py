@@ -48,7 +48,7 @@ def solver_of(name: str) -> Solver:
 
 
 def solve_cases(arguments: dict, report: Report) -> dict:
-    """Rows of figures of some cases of one kind: one for every solver and source of events.
+    """Rows of figures of some cases of one setting: one for every case, solver and source of events.
 
     The first solve of a solver in the process is marked as cold, and its case is solved once more.
     """
@@ -57,9 +57,9 @@ def solve_cases(arguments: dict, report: Report) -> dict:
     solvers = [solver_of(name) for name in arguments["solvers"]]
     rows: list[dict] = []
     warm: set[str] = set()
-    numbers = range(arguments["first"], arguments["first"] + arguments["count"])
-    for done, number in enumerate(numbers):
-        case = draw_case(arguments["kind"], number, arguments["seed"], options, scene)
+    chosen = [(kind, first + i) for kind, first, count in arguments["cases"] for i in range(count)]
+    for done, (kind, number) in enumerate(chosen):
+        case = draw_case(kind, number, arguments["seed"], options, scene)
         bound = bound_of(case, scene)
         for solver in solvers:
             for source in arguments["sources"]:
@@ -78,7 +78,7 @@ def solve_cases(arguments: dict, report: Report) -> dict:
                     }
                     | row
                 )
-        report({"progress": done + 1, "total": len(numbers)})
+        report({"progress": done + 1, "total": len(chosen)})
     return {"rows": rows}
 
 

@@ -82,7 +82,7 @@ class Group:
     """Of those shots that landed in."""
     residual_px: float
     seconds: float
-    """Median, cold ones apart."""
+    """Median, of cold ones the second time."""
     seconds_p90: float
     cold_s: float
     """Median of the first solve in a process."""
@@ -123,7 +123,8 @@ def _group(key: tuple[str, str, str, str], rows: Sequence[dict]) -> Group:
     speeds = _known(shots, "speed_error")
     sigmas = [shot for shot in shots if shot["speed_error"] is not None and shot["speed_sigma"] is not None]
     judged = [shot for shot in shots if shot.get("in_probability") is not None]
-    later = [row["seconds"] for row in rows if not row["cold"]]
+    later = [row["again_s"] if row["cold"] else row["seconds"] for row in rows]
+    later = [seconds for seconds in later if seconds is not None]
     return Group(
         setting=setting,
         kind=kind,

@@ -6,7 +6,6 @@ from typing import Literal
 import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor, nn
-from torch.nn import functional as F
 
 from pgm_data.detect.ball.network import CHANNELS
 from pgm_models.detectors.heatmap_net import ConvNorm, Residual, Up
@@ -66,7 +65,7 @@ class BallNet(nn.Module):
         self, grey: UInt8[Tensor, "batch 3 height width"], colour: UInt8[Tensor, "batch 2 half_height half_width"]
     ) -> Float[Tensor, "batch out rows columns"]:
         """What the answers are read from."""
-        before, now, after = F.pixel_unshuffle(grey, 2).float().chunk(3, dim=1)
+        before, now, after = (quarters(grey[:, k : k + 1]).float() for k in range(3))
         rise, fall = now - before, now - after
         passing = torch.minimum(rise, fall).relu() - torch.maximum(rise, fall).neg().relu()
         planes = [now / 64 - 2, rise / 16, fall / 16, passing / 16, (before - after) / 16, colour.float() / 16 - 8]
@@ -74,3 +73,11 @@ class BallNet(nn.Module):
         x8 = self.down8(x4)
         x8 = self.up8(self.down16(x8), x8)
         return self.up4(x8, self.skip(x4))
+
+
+def quarters(plane: UInt8[Tensor, "batch 1 height width"]) -> UInt8[Tensor, "batch 4 half_height half_width"]:
+    """The plane's pixels as four planes of half its size, as `pixel_unshuffle` gives them.
+
+    Written so that nothing in it depends on the size: the exported network then takes any.
+    """
+    return torch.cat([plane[:, :, row::2, column::2] for row in range(2) for column in range(2)], dim=1)

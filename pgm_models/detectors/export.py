@@ -71,15 +71,12 @@ def export_ball(network: BallNet, calibration: Calibration, path: Path, *, about
     Inputs `grey` (1, 3, rows, columns) and `colour` (1, 2, rows / 2, columns / 2), any multiples of 16; output
     `answers` (1, channels, rows / 4, columns / 4).
     """
-    rows, columns = 96, 160
     inputs = {
-        "grey": torch.zeros(1, 3, rows, columns, dtype=torch.uint8),
-        "colour": torch.zeros(1, 2, rows // 2, columns // 2, dtype=torch.uint8),
+        "grey": torch.zeros(1, 3, 64, 96, dtype=torch.uint8),
+        "colour": torch.zeros(1, 2, 32, 48, dtype=torch.uint8),
     }
-    half_rows, half_columns = torch.export.Dim("half_rows"), torch.export.Dim("half_columns")
-    sizes = ({2: 16 * half_rows, 3: 16 * half_columns}, {2: 8 * half_rows, 3: 8 * half_columns})
     metadata = {"ball_channels": list(CHANNELS), "calibration": asdict(calibration), "about": about}
-    write_onnx(fold_norms(network), inputs, ("answers",), path, metadata=metadata, sizes=sizes)
+    write_onnx(fold_norms(network), inputs, ("answers",), path, metadata=metadata, any_size=True)
 
 
 def write_onnx(
@@ -89,9 +86,13 @@ def write_onnx(
     path: Path,
     *,
     metadata: dict[str, object],
-    sizes: tuple[dict, ...] | None = None,
+    any_size: bool = False,
 ) -> None:
-    """Write the network as one ONNX file, its metadata as JSON; `sizes` says which axes of the inputs may vary."""
+    """Write the network as one ONNX file, its metadata as JSON.
+
+    With `any_size` the last two axes of inputs and outputs may be of any length: for networks in which nothing
+    depends on it.
+    """
     import onnx
 
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -103,7 +104,6 @@ def write_onnx(
             dynamo=True,
             input_names=list(inputs),
             output_names=list(outputs),
-            dynamic_shapes=sizes,
             verbose=False,
         )
     if program is None:
@@ -118,6 +118,11 @@ def write_onnx(
         value.doc_string = ""
     del model.graph.metadata_props[:]
     del model.metadata_props[:]
+    if any_size:
+        del model.graph.value_info[:]  # lengths of what lies between
+        for value in (*model.graph.input, *model.graph.output):
+            for axis in (2, 3):
+                value.type.tensor_type.shape.dim[axis].dim_param = f"{value.name}_{axis}"
     for key, value in metadata.items():
         model.metadata_props.add(key=key, value=json.dumps(value))
     onnx.checker.check_model(model)

@@ -43,6 +43,7 @@ def test_a_folder_without_truth_is_nothing_usable(tmp_path, capsys):
         (["--seed", "-1"], "--seed"),
         (["--quality", "draft", "draft"], "--quality"),
         (["--method", "line", "line"], "--method"),
+        (["--kind", "lob", "lob"], "--kind"),
         (["--real", "absent"], "--real"),
         (["--pixels"], "--pixels"),
         (["absent"], "DATA"),

@@ -23,7 +23,7 @@ from pgm_models.detectors.ball_frames import (
     prepare_ball_clip,
     turns,
 )
-from pgm_models.detectors.ball_net import BALL_PRESETS, BallNet
+from pgm_models.detectors.ball_net import BALL_PRESETS, BallNet, quarters
 from pgm_models.detectors.ball_score import Predictions, calibrate, score_frames
 from pgm_models.detectors.ball_task import (
     BallTask,
@@ -206,6 +206,11 @@ def test_losses_are_least_for_the_truth():
     assert float(sigmas[misses.argmin()].exp()) == pytest.approx(0.2 * 2**0.5, rel=0.05)
 
 
+def test_quarters_are_the_pixels_of_every_second_row_and_column():
+    plane = torch.arange(4 * 6, dtype=torch.uint8).reshape(1, 1, 4, 6)
+    assert torch.equal(quarters(plane), torch.nn.functional.pixel_unshuffle(plane, 2))
+
+
 @pytest.mark.parametrize(("preset", "most"), [("nano", 0.6e9), ("small", 1.8e9)])
 def test_presets_keep_their_size_promises(preset, most):
     network = BallNet(BALL_PRESETS[preset])
@@ -218,10 +223,10 @@ def test_nano_learns_a_handful_of_frames(toy_clip, tmp_path):
     clip = toy_clip(12, 3)
     pairs = np.array([[0, k] for k in range(1, 11)])
     frames = FrameSet(clips=(clip,), training=pairs, held_out=pairs)
-    options = replace(still(BallTaskOptions(preset="nano", batch=8, per_frame=4, crop=96)), zoom=(3.9, 4.1))
+    options = replace(still(BallTaskOptions(preset="nano", batch=8, per_frame=4, crop=64)), zoom=(0.24, 0.26))
     task = BallTask(lambda: frames, options)
     torch.manual_seed(0)
-    training = TrainOptions(steps=90, learning_rate=1e-2, average=0.9, log_every=1000, threads=1)
+    training = TrainOptions(steps=70, learning_rate=1e-2, average=0.9, log_every=1000, threads=1)
     outcome = train(BallNet(BALL_PRESETS["nano"]), task, training, tmp_path / "run", provenance={})
     figures = task.validate(outcome.network)
     assert figures["recall_of_best"] >= 0.8

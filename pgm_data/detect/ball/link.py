@@ -16,10 +16,11 @@ from pgm_data.detect.ball.link_fill import FillModel, filled
 from pgm_data.detect.ball.link_lattice import Lattice, lattice_of
 from pgm_data.detect.ball.link_tracklets import LocalFit, MotionModel, Tracklets, local_fit, tracklets_of
 
-TRACKLET_WEIGHTS = np.array([0.962, -0.149, 0.376, 0.554, 0.244, 1.057, -0.009, 0.539, -1.468])
+TRACKLET_WEIGHTS = np.array([0.004, 0.081, 0.436, 0.64, 0.221, 0.241, 0.076, 0.543, -1.985])
 """Log odds that a tracklet is the ball's by `tracklet_features`: a logistic regression on simulated clips."""
-ROW_WEIGHTS = np.array([0.0, 1.0, 0.0, 0.0])
-"""Log odds of a row by a constant, its tracklet's log odds, its distance from the fit, and its score's log odds."""
+ROW_WEIGHTS = np.array([2.4, 0.2, -0.4, 0.35])
+"""Log odds of a row by a constant, its tracklet's log odds, its distance from the fit, and its score's log odds: of
+simulated clips, the constant one lower, as real pictures hold more that moves."""
 FILL_WEIGHTS = np.array([0.9, 0.5])
 """Log odds of a row that completes the track by a constant and what it is worth; of simulated clips."""
 FILL_PASSES = 2
@@ -109,8 +110,9 @@ def _linked(lattice: Lattice, height: float, options: LinkOptions) -> _Linked:
     joined = local_fit(lattice, tracklets, height, options.motion, with_itself=True)
     gain = tracklet_features(lattice, tracklets, apart, height) @ TRACKLET_WEIGHTS
     follows = meetings(lattice, tracklets, joined, height, options.motion, options.chain)
-    begin = tracklets.picture[tracklets.first]
-    chosen, together = best_chain(gain, follows, begin)
+    begin_s = lattice.times[tracklets.picture[tracklets.first]]
+    end_s = lattice.times[tracklets.picture[tracklets.first + tracklets.count - 1]]
+    chosen, together = best_chain(gain, begin_s, end_s, follows, options.chain)
     features = row_features(lattice, tracklets, apart, chosen, together)
     picture, slot = tracklets.picture[features.node], tracklets.slot[features.node]
     score = 1 / (1 + np.exp(-np.clip(features.values @ ROW_WEIGHTS, -30, 30)))
@@ -151,7 +153,7 @@ def row_features(
 ) -> RowFeatures:
     """Of every candidate of the chosen tracklets."""
     of_tracklet = np.full(len(tracklets.count), np.nan)
-    of_tracklet[chosen] = together
+    of_tracklet[chosen] = np.clip(together, -6, 6)
     node = np.flatnonzero(np.isfinite(of_tracklet[tracklets.owner]))
     picture, slot = tracklets.picture[node], tracklets.slot[node]
     off2 = ((lattice.points[picture, slot] - apart.place[node]) ** 2).sum(axis=1)

@@ -79,25 +79,28 @@ def tracklet_features(
     )
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Meetings:
+    """Pairs of tracklets near each other in time."""
+
+    earlier: Int[np.ndarray, " pairs"]
+    later: Int[np.ndarray, " pairs"]
+    worth: Float[np.ndarray, " pairs"]
+    """What it is worth that the later one follows the earlier one."""
+
+
 def meetings(
     lattice: Lattice, tracklets: Tracklets, fit: LocalFit, height: float, motion: MotionModel, model: ChainModel
-) -> Float[np.ndarray, "earlier later"]:
-    """What it is worth that the later tracklet follows the earlier one, -inf where it cannot."""
+) -> Meetings:
+    """How well tracklets near each other in time meet."""
     first = tracklets.first
     last = first + tracklets.count - 1
-    begin, end = tracklets.picture[first], tracklets.picture[last]
+    earlier, later = _near(lattice, tracklets, model)
     taken = lattice.times[tracklets.picture]
-    gap = taken[first][None, :] - taken[last][:, None]
-    can = (begin[None, :] > begin[:, None]) & (end[None, :] > end[:, None])
-    can &= begin[None, :] > end[:, None] - MOST_OVERLAP
-    worth = np.where(can, -model.start, -np.inf)
-    earlier, later = np.nonzero(can & (gap <= model.gap_s))
-    if not len(earlier):
-        return worth
-    share = np.linspace(0.0, 1.0, MEETING_TIMES)
-    between = gap[earlier, later]
-    after, before = share * between[:, None], (1 - share) * between[:, None]
     at_end, at_begin = last[earlier], first[later]
+    between = taken[at_begin] - taken[at_end]
+    share = np.linspace(0.0, 1.0, MEETING_TIMES)
+    after, before = share * between[:, None], (1 - share) * between[:, None]
     one = fit.place[at_end][:, None] + after[..., None] * fit.velocity[at_end][:, None]
     two = fit.place[at_begin][:, None] - before[..., None] * fit.velocity[at_begin][:, None]
     turn = (motion.acceleration * height) ** 2 / 4
@@ -107,43 +110,75 @@ def meetings(
     fitting = -((one - two) ** 2).sum(axis=-1) / (2 * variance) - np.log(2 * np.pi * variance)
     clutter = lattice.log_clutter[tracklets.picture[at_begin], tracklets.slot[at_begin]]
     met = fitting.max(axis=1) - clutter - model.contact
-    met = np.clip(met, -model.start, model.best_meeting)
-    worth[earlier, later] = met
-    return worth
+    return Meetings(earlier=earlier, later=later, worth=np.clip(met, -model.start, model.best_meeting))
+
+
+def _near(
+    lattice: Lattice, tracklets: Tracklets, model: ChainModel
+) -> tuple[Int[np.ndarray, " pairs"], Int[np.ndarray, " pairs"]]:
+    """Pairs of which the later one begins at most `gap_s` after the earlier one ends."""
+    begin = tracklets.picture[tracklets.first]
+    end = tracklets.picture[tracklets.first + tracklets.count - 1]
+    later = np.argsort(begin, kind="stable")
+    by_end = np.argsort(end, kind="stable")
+    soonest = np.searchsorted(lattice.times[end[by_end]], lattice.times[begin[later]] - model.gap_s, side="left")
+    latest = np.searchsorted(end[by_end], begin[later] + MOST_OVERLAP, side="left")
+    number = np.maximum(latest - soonest, 0)
+    place = np.arange(number.sum()) - np.repeat(np.cumsum(number) - number, number)
+    earlier = by_end[np.repeat(soonest, number) + place]
+    later = np.repeat(later, number)
+    can = (begin[earlier] < begin[later]) & (end[earlier] < end[later])
+    return earlier[can], later[can]
 
 
 def best_chain(
     gain: Float[np.ndarray, " tracklets"],
-    follows: Float[np.ndarray, "earlier later"],
-    begin: Int[np.ndarray, " tracklets"],
+    begin_s: Float[np.ndarray, " tracklets"],
+    end_s: Float[np.ndarray, " tracklets"],
+    meet: Meetings,
+    model: ChainModel,
 ) -> tuple[Int[np.ndarray, " chosen"], Float[np.ndarray, " chosen"]]:
     """The tracklets of the chain that gains most, in order of time, and how much each gains with its neighbours.
 
     Args:
         gain: Log odds of each to be the ball's.
-        follows: What it is worth that one follows another; -inf where it cannot.
-        begin: Picture in which each begins.
+        begin_s: When each begins.
+        end_s: When each ends.
+        meet: What it is worth that one follows another soon.
+        model: What it costs to start anew later.
     """
     count = len(gain)
     total = gain.astype(np.float64).copy()
     before = np.full(count, -1)
-    order = np.argsort(begin, kind="stable")
+    link = np.zeros(count)  # What it is worth to follow the one before.
+    order, by_end = np.argsort(begin_s, kind="stable"), np.argsort(end_s, kind="stable")
+    ended, best_ended = 0, -1
+    rank = np.empty(count, dtype=np.int64)
+    rank[order] = np.arange(count)
+    pairs = np.argsort(rank[meet.later], kind="stable")
+    start = np.searchsorted(rank[meet.later[pairs]], np.arange(count + 1))
     for place, at in enumerate(order.tolist()):
-        earlier = order[:place]
-        if len(earlier):
-            so_far = total[earlier] + follows[earlier, at]
-            best = int(so_far.argmax())
-            if so_far[best] > 0:
-                total[at] += so_far[best]
-                before[at] = earlier[best]
+        while ended < count and end_s[by_end[ended]] < begin_s[at] - model.gap_s:
+            if best_ended < 0 or total[by_end[ended]] > total[best_ended]:
+                best_ended = int(by_end[ended])
+            ended += 1
+        near = pairs[start[place] : start[place + 1]]
+        so_far, source, worth = 0.0, -1, 0.0
+        if best_ended >= 0 and total[best_ended] > model.start:
+            so_far, source, worth = total[best_ended] - model.start, best_ended, -model.start
+        if len(near):
+            met = total[meet.earlier[near]] + meet.worth[near]
+            best = int(met.argmax())
+            if met[best] > so_far:
+                so_far, source, worth = met[best], int(meet.earlier[near[best]]), meet.worth[near[best]]
+        total[at] += so_far
+        before[at], link[at] = source, worth
     if not count or total.max() <= 0:
         return np.zeros(0, dtype=np.int64), np.zeros(0)
     chain = [int(total.argmax())]
     while before[chain[-1]] >= 0:
         chain.append(int(before[chain[-1]]))
     chosen = np.array(chain[::-1])
-    together = gain[chosen].astype(np.float64).copy()
-    joint = follows[chosen[:-1], chosen[1:]] / 2
-    together[1:] += joint
-    together[:-1] += joint
+    together = gain[chosen] + link[chosen] / 2
+    together[:-1] += link[chosen[1:]] / 2
     return chosen, together

@@ -69,7 +69,7 @@ def tracklets_of(lattice: Lattice, height: float, model: MotionModel) -> Trackle
     pictures, slots = lattice.has.shape
     lags = max(1, min(model.lags, pictures - 1))
     value = np.full((pictures, lags, slots, slots), -np.inf)
-    came = np.full((pictures, lags, slots, slots), -1, dtype=np.int64)
+    came = np.full((pictures, lags, slots, slots), -1, dtype=np.int32)
     if pictures > 1 and slots:
         # That no candidate is the ball is the less probable, the better the best one is.
         unlikely = np.logaddexp(0, np.where(lattice.has, lattice.log_odds, -np.inf)).max(axis=1)

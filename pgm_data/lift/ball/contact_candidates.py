@@ -70,7 +70,9 @@ def find_bends(
         found = _sharpest(*(np.choose(best, values) for values in zip(*tried, strict=True)), apart)
         # What a shorter window placed is placed better.
         new = np.abs(found[0][:, None] - at).min(axis=1, initial=np.inf) > apart
-        at, spread, gain = (np.concatenate([old, more[new]]) for old, more in zip((at, spread, gain), found, strict=True))
+        at, spread, gain = (
+            np.concatenate([old, more[new]]) for old, more in zip((at, spread, gain), found, strict=True)
+        )
     allowed = max(4, int(most_per_s * (times[-1] - times[0])))
     best = np.sort(np.argsort(-gain, kind="stable")[:allowed])
     at, spread, gain = at[best], spread[best], gain[best]

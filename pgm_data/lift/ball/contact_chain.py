@@ -5,17 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
-from pgm_data.lift.ball.contact_flights import velocity_scale
-from pgm_data.lift.ball.quick_flight import (
-    STRAY_COST,
-    Motion,
-    Sights,
-    _state_rows,
-    motion_along,
-)
+from pgm_data.lift.ball.contact_motion import Motion, Sights, motion_along, state_rows, velocity_scale
 from pgm_data.lift.ball.world import BallWorld
 
 TURNS = 8
+STRAY_COST = 8.0
+"""What a frame that shows something else costs more than one on the path, nats."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -47,7 +42,7 @@ class PlayFlights:
     """Position, velocity and spin just after the start: m, m/s, rad/s."""
     state_cov: Float[np.ndarray, "flights 9 9"]
     end_state: Float[np.ndarray, "flights 6"]
-    residual_px: Float[np.ndarray, " flights"]
+    residual: Float[np.ndarray, " flights"]
     """Rms distance of the frames that belong to the path, in their standard deviations; NaN where there are none."""
     misfit: Float[np.ndarray, " flights"]
     """Share of its frames that lie farther off than three standard deviations."""
@@ -76,7 +71,9 @@ def fit_plays(sights: Sights, sketch: PlaySketch, *, world: BallWorld, step: flo
         index = first[:, None] + np.arange(max(int(frames.max(initial=0)), 1))
         real = np.arange(index.shape[1]) < frames[:, None]
         index = np.where(real, index, 0)
-        new_times = np.concatenate([begins[:, None], np.where(real, sights.times[index], ends[:, None]), ends[:, None]], 1)
+        new_times = np.concatenate(
+            [begins[:, None], np.where(real, sights.times[index], ends[:, None]), ends[:, None]], 1
+        )
         new_times = np.minimum(new_times, np.maximum(ends, begins)[:, None])
         if velocity is None or times is None:
             guess = np.repeat(state[:, None, 3:6], new_times.shape[1], axis=1)
@@ -134,7 +131,7 @@ def fit_plays(sights: Sights, sketch: PlaySketch, *, world: BallWorld, step: flo
         state=state,
         state_cov=cov[:, :9, :9],
         end_state=np.concatenate([position[:, -1], velocity[:, -1]], axis=1),
-        residual_px=residual,
+        residual=residual,
         misfit=(real & (square > 9.0 + 2.0)).sum(axis=1) / np.maximum(real.sum(axis=1), 1),
     )
 
@@ -200,7 +197,7 @@ def _with_junctions(
     right = right.copy()
     if len(joined):
         before = joined - 1
-        last = _state_rows(motion, -1)[before]
+        last = state_rows(motion, -1)[before]
         speed = velocity[before, -1]
         rows = np.zeros((len(joined), 6, 20))
         wanted = np.zeros((len(joined), 6))

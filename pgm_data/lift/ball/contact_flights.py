@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pgm_data.lift.ball.quick_flight import TURNS, FlightFits, FlightGuess, Sights, fit_flights
+from pgm_data.lift.ball.contact_motion import Sights
+from pgm_data.lift.ball.quick_flight import TURNS, FlightFits, fit_flights, flight_guess
 from pgm_data.lift.ball.world import BallWorld
 
 LONGEST_FLIGHT = 40.0
@@ -58,12 +59,6 @@ class Hypotheses:
     """Row for row."""
 
 
-def velocity_scale(world: BallWorld) -> np.ndarray:
-    """Standard deviation of a ball's velocity along x, y, z after a hit, m/s."""
-    along = 2.0 * world.reach_half_size[1]
-    return np.array([0.35 * along, along, 0.3 * along + 2.0])
-
-
 def idle_costs(sights: Sights, times: np.ndarray, rate: float, step: float) -> np.ndarray:
     """What it costs, nats, that from one moment to the next the ball is in no flight: frames times their rate."""
     count = np.diff(np.searchsorted(sights.times, times))
@@ -71,7 +66,13 @@ def idle_costs(sights: Sights, times: np.ndarray, rate: float, step: float) -> n
 
 
 def price_flights(
-    sights: Sights, moments: Moments, *, world: BallWorld, toll: float, idle: Float[np.ndarray, " gaps"], thinning: tuple[int, int]
+    sights: Sights,
+    moments: Moments,
+    *,
+    world: BallWorld,
+    toll: float,
+    idle: Float[np.ndarray, " gaps"],
+    thinning: tuple[int, int],
 ) -> Hypotheses:
     """All flights that pass moments of no more than this toll and are not far dearer than no flight at all."""
     begin, end = _spans(moments, toll)
@@ -137,35 +138,18 @@ def _fit_by_length(
         stop = int(np.searchsorted(count[order], max(8, 1.5 * least), side="right"))
         stop = min(max(stop, at + 1), at + max(1, CHUNK // max(int(count[order[at:stop]].max(initial=1)), 1)))
         part = order[at:stop]
-        guess = flight_guess(moments, rows[part], world)
+        guess = flight_guess(
+            begin_on_ground=rows[part, 2] == 1,
+            end_on_ground=rows[part, 3] == 1,
+            begin_time_std=moments.time_std[rows[part, 0]],
+            end_time_std=moments.time_std[rows[part, 1]],
+            world=world,
+        )
         parts.append(fit_flights(sights, begins[part], ends[part], guess, world=world, turns=turns))
         at = stop
     back = np.argsort(order, kind="stable")
     fits = _taken(_joined(parts), back)
     return fits, fits.cost + rule_costs(fits, world)
-
-
-def flight_guess(moments: Moments, rows: np.ndarray, world: BallWorld) -> FlightGuess:
-    """Priors of flights given as rows of begin, end, begin on ground, end on ground."""
-    reach = np.array(world.reach_half_size)
-    free = np.array([0.0, 0.0, world.hit_height.mean])
-    free_std = np.array([0.6 * reach[0], 0.7 * reach[1], 1.4 * world.hit_height.std])
-    low = np.array([0.0, 0.0, world.radius_m])
-    low_std = np.array([reach[0], reach[1], 0.02 + 0.3 * world.radius_m])
-    at_begin, at_end = rows[:, 2:3] == 1, rows[:, 3:4] == 1
-    count = len(rows)
-    return FlightGuess(
-        start=np.where(at_begin, low, free),
-        start_std=np.where(at_begin, low_std, free_std),
-        end=np.where(at_end, low, free),
-        end_std=np.where(at_end, low_std, free_std),
-        velocity_std=np.repeat(velocity_scale(world)[None], count, axis=0),
-        spin_std=np.where(at_begin[:, 0], 1.5, 1.0) * max(world.spin_std, 1.0),
-        start_time_std=moments.time_std[rows[:, 0]],
-        end_time_std=moments.time_std[rows[:, 1]],
-        start_on_ground=at_begin[:, 0],
-        end_on_ground=at_end[:, 0],
-    )
 
 
 def rule_costs(fits: FlightFits, world: BallWorld) -> Float[np.ndarray, " flights"]:
@@ -197,7 +181,19 @@ def _joined(parts: list[FlightFits]) -> FlightFits:
     return FlightFits(
         **{
             name: np.concatenate([getattr(part, name) for part in parts])
-            for name in ("cost", "start", "start_cov", "end", "end_cov", "start_off", "start_prior_std", "spin", "measured", "strays", "inside")
+            for name in (
+                "cost",
+                "start",
+                "start_cov",
+                "end",
+                "end_cov",
+                "start_off",
+                "start_prior_std",
+                "spin",
+                "measured",
+                "strays",
+                "inside",
+            )
         },
         path=np.concatenate([padded(part.path) for part in parts]),
     )

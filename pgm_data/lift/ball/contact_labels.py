@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from pgm_data.lift.ball.contact_flights import KINDS, Hypotheses, Moments, velocity_scale
+from pgm_data.lift.ball.contact_flights import KINDS, Hypotheses, Moments
+from pgm_data.lift.ball.contact_motion import velocity_scale
 from pgm_data.lift.ball.world import BallWorld
 
 HIT, BOUNCE, NET, FIRST, LAST = range(5)
@@ -237,7 +238,9 @@ class _Pass:
             if m == 0:
                 idle[m] = 0.0
             else:
-                ways = np.concatenate([[idle[m - 1] + self.idle[m - 1] + self.held[m]], reached[into] + self.stops[into]])
+                ways = np.concatenate(
+                    [[idle[m - 1] + self.idle[m - 1] + self.held[m]], reached[into] + self.stops[into]]
+                )
                 idle[m], pick = _least(ways, hard)
                 idle_from[m] = -1 if pick == 0 else into[pick - 1]
             entry = idle[m] - self.held[m] if m == 0 or idle_from[m] == -1 else idle[m]
@@ -315,9 +318,7 @@ class _Pass:
         links = self.links
         with np.errstate(under="ignore", invalid="ignore"):
             chance = np.exp(
-                np.minimum(
-                    whole - reached[links.before] - self.link - self.own[links.after] - onward[links.after], 0.0
-                )
+                np.minimum(whole - reached[links.before] - self.link - self.own[links.after] - onward[links.after], 0.0)
             )
             np.add.at(shares, (self.flights.end[links.before], links.kind), np.nan_to_num(chance))
             first = np.exp(np.minimum(whole - idle[self.flights.begin] - self.starts - self.own - onward, 0.0))

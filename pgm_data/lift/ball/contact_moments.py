@@ -7,7 +7,7 @@ from pgm_data.ball import BallEvents
 from pgm_data.lift.ball.contact_candidates import Bends
 from pgm_data.lift.ball.contact_chain import PlayFlights
 from pgm_data.lift.ball.contact_flights import KINDS, Moments
-from pgm_data.lift.ball.quick_flight import Sights
+from pgm_data.lift.ball.contact_motion import Sights
 from pgm_data.lift.ball.world import BallWorld
 
 BESIDE = 2.2
@@ -44,9 +44,7 @@ def moments_of(
     extra = _thinned(events.times[other[new]], 0.6 * step)
     kept_marks = _thinned(marks, 0.6 * step)
     times = np.concatenate([times, extra, kept_marks])
-    spread = np.concatenate(
-        [spread, np.full(len(extra), 0.5 * step), mark_std[np.searchsorted(marks, kept_marks)]]
-    )
+    spread = np.concatenate([spread, np.full(len(extra), 0.5 * step), mark_std[np.searchsorted(marks, kept_marks)]])
     order = np.argsort(times, kind="stable")
     times, spread = times[order], spread[order]
     rows = np.full(len(events), -1)
@@ -110,7 +108,13 @@ def moved(moments: Moments, rows: np.ndarray, plays: PlayFlights, *, step: float
 
 
 def filled(
-    moments: Moments, sights: Sights, spans: Float[np.ndarray, "spans 2"], *, world: BallWorld, step: float, apart: float
+    moments: Moments,
+    sights: Sights,
+    spans: Float[np.ndarray, "spans 2"],
+    *,
+    world: BallWorld,
+    step: float,
+    apart: float,
 ) -> Moments:
     """The moments with more of them, so far apart, within these spans of time."""
     grids = [np.arange(low + 0.5 * apart, high, apart) for low, high in spans]

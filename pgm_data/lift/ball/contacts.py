@@ -8,10 +8,10 @@ from pgm_data.ball import BallEvents, BallTrack
 from pgm_data.geometry.camera import Camera
 from pgm_data.lift.ball.contact_candidates import find_bends
 from pgm_data.lift.ball.contact_chain import PlayFlights, PlaySketch, fit_plays
-from pgm_data.lift.ball.contact_flights import KINDS, Hypotheses, Moments, idle_costs, price_flights, velocity_scale
+from pgm_data.lift.ball.contact_flights import KINDS, Moments, idle_costs, price_flights
 from pgm_data.lift.ball.contact_labels import FIRST, HIT, LAST, Chain, Rates, cheapest_chain, link_costs
 from pgm_data.lift.ball.contact_moments import BESIDE, filled, moments_of, moved
-from pgm_data.lift.ball.quick_flight import Sights, sights_of
+from pgm_data.lift.ball.contact_motion import Sights, sights_of, velocity_scale
 from pgm_data.lift.ball.solution import PlayersAt
 from pgm_data.lift.ball.world import GRAVITY, BallWorld
 

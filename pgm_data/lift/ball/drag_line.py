@@ -185,7 +185,8 @@ def _after_singularity(loss: Numbers, time: Numbers) -> None:
     _refuse("time", np.broadcast_to(time, np.shape(loss)), 1 + loss <= 0, "one at which 1 + C v0 t is above 0")
 
 
-def _refuse(name: str, values: Numbers, wrong: Bool[np.ndarray, "..."] | np.bool, expected: str) -> None:
+def _refuse(name: str, values: Numbers, wrong: Bool[np.ndarray, "..."] | np.bool | bool, expected: str) -> None:
+    wrong = np.asarray(wrong)
     if wrong.any():
         raise ValueError(
             f"drag line: {name}: expected {expected}, got {np.broadcast_to(values, wrong.shape)[wrong][0]}"

@@ -18,6 +18,8 @@ from pgm_data.lift.ball.world import GRAVITY
 SHORTEST_S = 1e-4
 """Flights count as no shorter than that."""
 KNOT_S = 0.06
+FASTEST = 150.0
+"""m/s."""
 KNOTS = (12, 400)
 """Fewest and most knots of the quadratures in one flight."""
 MOST_LOSS = 25.0
@@ -129,12 +131,13 @@ def landings(
 ) -> Float[np.ndarray, "*flights 3"]:
     """Where flights from those starts come down to the height `level`, the air and spin as in `ends`, m.
 
-    NaN where they start below it or take longer than 30 s.
+    NaN where they start below it, take longer than 30 s or are faster than any ball.
     """
     step, longest = 0.04, 30.0
     state = np.concatenate(np.broadcast_arrays(start, velocity), axis=-1)
     landed = np.full(state.shape[:-1] + (3,), np.nan)
     waiting = (state[..., 2] > level - 1e-6) & np.isfinite(state).all(axis=-1)
+    waiting &= np.linalg.norm(state[..., 3:], axis=-1) < FASTEST
     state = np.where(waiting[..., None], state, 0.0)
     for _ in range(int(longest / step)):
         if not waiting.any():

@@ -133,7 +133,7 @@ def doubted(sights: Sights, doubt: CameraDoubt) -> list[Sights]:
     typical = np.nanmedian(depth) if np.isfinite(depth).any() else 1.0
     by_place = float(np.sqrt(max(np.trace(doubt.position_cov), 0.0)) / typical)
     rest = float(np.sqrt(max(doubt.focal_std_share**2 - by_place**2, 0.0)))
-    if rest > 0:
+    if doubt.focal_std_share > 0:
         ways.append(_redirected(sights, sights.origin, ahead + offset / (1 + rest)))
     return ways
 

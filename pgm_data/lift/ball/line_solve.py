@@ -2,10 +2,11 @@
 
 Keyframes are contacts whose place is known by themselves: bounces, hits with a ground mark or a player, else hits at
 their usual height. Between two of them the ball moves as `line_path` says; `line_adjust` moves the keyframes, within
-what they leave open, so that the flights on both sides agree with the pixels, heights under gravity included. A frame's
-position is its ray's point in the plane parallel to the net that the ball has come to.
+what they leave open, so that flights agree with the pixels, with gravity and with what a bounce takes. A frame's
+position is its ray's point in the plane parallel to the net that the ball has come to; without a pixel, the flight's.
 
-Source: promptable game models, appendix on 3D ball localization; keyframes without a mark are ours.
+Source: promptable game models, appendix on 3D ball localization; keyframes without a mark, their adjustment and all
+uncertainty are ours.
 """
 
 from dataclasses import dataclass, replace

@@ -1,8 +1,7 @@
 """Many flights of a ball fitted to a track at once, fast and approximately.
 
-With the speed known, drag only scales the velocity, and Magnus lift is linear in the spin: a flight is then linear in
-its start position, start velocity and spin, and so is the algebraic distance of a point from a pixel's ray. Each turn
-of a fit takes speeds, depths and weights from the turn before and solves one small linear system a flight.
+Each turn of a fit takes speeds, depths and weights from the turn before and solves one small linear system a flight.
+`quick_flights` gives the start states of flights between known events, for solvers that need a first guess.
 """
 
 from dataclasses import dataclass
@@ -10,76 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pgm_data.ball import BallTrack
-from pgm_data.geometry.camera import Camera, rays
-from pgm_data.lift.ball.world import GRAVITY, BallWorld
+from pgm_data.ball import BallEvents, BallTrack
+from pgm_data.geometry.camera import Camera
+from pgm_data.lift.ball.contact_chain import STRAY_COST, PlaySketch, fit_plays
+from pgm_data.lift.ball.contact_motion import Motion, Sights, motion_along, sights_of, state_rows, velocity_scale
+from pgm_data.lift.ball.world import BallWorld
 
 TURNS = 6
 STRAY_SHARE = 0.03
 """Share of frames that show something else than the ball."""
-STRAY_COST = 8.0
-"""What such a frame costs more than one on the path, nats."""
-MOST_SPEED = 120.0
-"""Faster balls are taken as this fast where drag is computed, m/s."""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Sights:
-    """Rays of a track's measured frames as equations that the ball's position x solves: ``planes @ x + offsets = 0``.
-
-    An equation over the depth ``axis @ x + axis_offset`` is the distance from the pixel, px.
-    """
-
-    times: Float[np.ndarray, " sights"]
-    planes: Float[np.ndarray, "sights 2 3"]
-    offsets: Float[np.ndarray, "sights 2"]
-    axis: Float[np.ndarray, "sights 3"]
-    axis_offset: Float[np.ndarray, " sights"]
-    sigma_px: Float[np.ndarray, " sights"]
-    centre: Float[np.ndarray, "sights 3"]
-    """Centre of the camera, world metres."""
-    direction: Float[np.ndarray, "sights 3"]
-    """Of the ray, world."""
-    frames: Int[np.ndarray, " sights"]
-    """Frame of the track."""
-
-    def __len__(self) -> int:
-        """Number of measured frames."""
-        return len(self.times)
-
-    def thinned(self, every: int) -> "Sights":
-        """One of so many frames, as sharp as all of them together."""
-        if every <= 1:
-            return self
-        kept = {name: getattr(self, name)[::every] for name in self.__dataclass_fields__}
-        return Sights(**(kept | {"sigma_px": kept["sigma_px"] / np.sqrt(every)}))
-
-
-def sights_of(track: BallTrack, camera: Camera) -> Sights:
-    """Sights of the measured frames that have a camera and differ in time, in order of time."""
-    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-        direction = rays(camera, track.pixels[:, None])[:, 0]
-    known = track.measured & np.isfinite(direction).all(axis=1) & np.isfinite(camera.t_cam_from_world).all(axis=1)
-    frames = np.flatnonzero(known)
-    frames = frames[np.diff(track.times[frames], prepend=-np.inf) > 0]
-    direction = direction[frames]
-    R, t = camera.R_cam_from_world[frames], camera.t_cam_from_world[frames]
-    seen = np.einsum("nij,nj->ni", R, direction)
-    focal = camera.K[frames][:, [0, 1], [0, 1]]
-    # Skew is left to the lens: planes along the camera's own x and y.
-    planes = focal[..., None] * (R[:, :2] - (seen[:, :2] / seen[:, 2:])[..., None] * R[:, 2:])
-    offsets = focal * (t[:, :2] - seen[:, :2] / seen[:, 2:] * t[:, 2:])
-    return Sights(
-        times=track.times[frames],
-        planes=planes,
-        offsets=offsets,
-        axis=R[:, 2],
-        axis_offset=t[:, 2],
-        sigma_px=track.sigma_px[frames],
-        centre=camera.position_world[frames],
-        direction=direction,
-        frames=frames,
-    )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -124,79 +62,33 @@ class FlightFits:
     """Share of the cost that the frames make, nats, less the one a frame that is expected of a right fit."""
 
 
-def _sums(values: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Integrals from the first time on, by trapezoids along axis 1."""
-    parts = 0.5 * (values[:, 1:] + values[:, :-1]) * step.reshape(step.shape + (1,) * (values.ndim - 2))
-    return np.concatenate([np.zeros_like(values[:, :1]), np.cumsum(parts, axis=1)], axis=1)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Motion:
-    """A flight, linear in start position p, start velocity v and spin w, at each time.
-
-    ``position = p + reach v - fall z + w x bend``, and the velocity likewise with the other three.
-    """
-
-    reach: Float[np.ndarray, "flights times"]
-    fall: Float[np.ndarray, "flights times"]
-    bend: Float[np.ndarray, "flights times 3"]
-    kept: Float[np.ndarray, "flights times"]
-    fall_speed: Float[np.ndarray, "flights times"]
-    bend_speed: Float[np.ndarray, "flights times 3"]
-
-    def position(self, p: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
-        """Positions of flights with such starts, flights times 3."""
-        at = p[:, None] + self.reach[..., None] * v[:, None] + np.cross(w[:, None], self.bend)
-        at[..., 2] -= self.fall
-        return at
-
-    def velocity(self, v: np.ndarray, w: np.ndarray) -> np.ndarray:
-        """Velocities, flights times 3."""
-        at = self.kept[..., None] * v[:, None] + np.cross(w[:, None], self.bend_speed)
-        at[..., 2] -= self.fall_speed
-        return at
-
-
-def motion_along(
-    times: Float[np.ndarray, "flights times"], velocity: Float[np.ndarray, "flights times 3"], world: BallWorld
-) -> Motion:
-    """How a flight moves whose velocity is about this one."""
-    step = np.diff(times, axis=1)
-    speed = np.minimum(np.linalg.norm(velocity, axis=-1), MOST_SPEED)
-    damping = np.minimum(_sums(world.drag_per_m.mean * speed, step), 40.0)
-    kept = np.exp(-damping)
-    fall_speed = GRAVITY * kept * _sums(1 / kept, step)
-    # Lift: lift_per_m S / (1 + 2 S) |v| (w x v) / |w|, with S = radius |w| / |v|, the denominator at the prior's spin.
-    share = world.lift_per_m * world.radius_m / (1 + 2 * world.radius_m * world.spin_std / np.maximum(speed, 1.0))
-    bend_speed = kept[..., None] * _sums((share / kept)[..., None] * velocity, step)
-    return Motion(
-        reach=_sums(kept, step),
-        fall=_sums(fall_speed, step),
-        bend=_sums(bend_speed, step),
-        kept=kept,
-        fall_speed=fall_speed,
-        bend_speed=bend_speed,
+def flight_guess(
+    *,
+    begin_on_ground: Bool[np.ndarray, " flights"],
+    end_on_ground: Bool[np.ndarray, " flights"],
+    begin_time_std: Float[np.ndarray, " flights"],
+    end_time_std: Float[np.ndarray, " flights"],
+    world: BallWorld,
+) -> FlightGuess:
+    """What is believed of flights that begin and end on the ground or where players reach."""
+    reach = np.array(world.reach_half_size)
+    free = np.array([0.0, 0.0, world.hit_height.mean])
+    free_std = np.array([0.6 * reach[0], 0.7 * reach[1], 1.4 * world.hit_height.std])
+    low = np.array([0.0, 0.0, world.radius_m])
+    low_std = np.array([reach[0], reach[1], 0.02 + 0.3 * world.radius_m])
+    at_begin, at_end = begin_on_ground[:, None], end_on_ground[:, None]
+    return FlightGuess(
+        start=np.where(at_begin, low, free),
+        start_std=np.where(at_begin, low_std, free_std),
+        end=np.where(at_end, low, free),
+        end_std=np.where(at_end, low_std, free_std),
+        velocity_std=np.repeat(velocity_scale(world)[None], len(begin_on_ground), axis=0),
+        spin_std=np.where(begin_on_ground, 1.5, 1.0) * max(world.spin_std, 1.0),
+        start_time_std=begin_time_std,
+        end_time_std=end_time_std,
+        start_on_ground=begin_on_ground,
+        end_on_ground=end_on_ground,
     )
-
-
-def _turned(vectors: np.ndarray) -> np.ndarray:
-    """Matrices M with ``M @ w = w x vector``."""
-    x, y, z = np.moveaxis(vectors, -1, 0)
-    o = np.zeros_like(x)
-    return np.stack([np.stack([o, z, -y], -1), np.stack([-z, o, x], -1), np.stack([y, -x, o], -1)], axis=-2)
-
-
-def _state_rows(motion: Motion, index: int) -> np.ndarray:
-    """Position and velocity at a time as a linear map of start position, start velocity and spin: flights 6 9."""
-    flights = len(motion.reach)
-    rows = np.zeros((flights, 6, 9))
-    one = np.eye(3)
-    rows[:, :3, :3] = one
-    rows[:, :3, 3:6] = motion.reach[:, index, None, None] * one
-    rows[:, 3:, 3:6] = motion.kept[:, index, None, None] * one
-    rows[:, :3, 6:] = _turned(motion.bend[:, index])
-    rows[:, 3:, 6:] = _turned(motion.bend_speed[:, index])
-    return rows
 
 
 def fit_flights(
@@ -236,21 +128,23 @@ def fit_flights(
         scale = sharp / np.maximum(depth, 0.1)
         reach, bend = motion.reach[:, 1:-1], motion.bend[:, 1:-1]
         scaled = planes * scale[..., None, None]
-        rows = np.concatenate(
-            [scaled, reach[..., None, None] * scaled, np.cross(bend[:, :, None], scaled)], axis=-1
-        )
+        rows = np.concatenate([scaled, reach[..., None, None] * scaled, np.cross(bend[:, :, None], scaled)], axis=-1)
         wanted = -offsets * scale[..., None] + scaled[..., 2] * motion.fall[:, 1:-1, None]
         soft = np.sqrt(weight)[..., None]
         design = (rows * soft[..., None]).reshape(flights, 2 * sharp.shape[1], 9)
         target = (wanted * soft).reshape(flights, 2 * sharp.shape[1])
         start_std[:, 2] = np.where(
-            guess.start_on_ground, np.hypot(guess.start_std[:, 2], guess.start_time_std * np.abs(velocity[:, 0, 2])), start_std[:, 2]
+            guess.start_on_ground,
+            np.hypot(guess.start_std[:, 2], guess.start_time_std * np.abs(velocity[:, 0, 2])),
+            start_std[:, 2],
         )
         end_std[:, 2] = np.where(
-            guess.end_on_ground, np.hypot(guess.end_std[:, 2], guess.end_time_std * np.abs(velocity[:, -1, 2])), end_std[:, 2]
+            guess.end_on_ground,
+            np.hypot(guess.end_std[:, 2], guess.end_time_std * np.abs(velocity[:, -1, 2])),
+            end_std[:, 2],
         )
         prior = np.concatenate([start_std, guess.velocity_std, np.repeat(guess.spin_std[:, None], 3, axis=1)], axis=1)
-        at_end = _state_rows(motion, -1)[:, :3] / end_std[..., None]
+        at_end = state_rows(motion, -1)[:, :3] / end_std[..., None]
         end_wanted = (guess.end + np.stack([0 * begins, 0 * begins, motion.fall[:, -1]], axis=-1)) / end_std
         normal = np.swapaxes(design, 1, 2) @ design + np.swapaxes(at_end, 1, 2) @ at_end
         normal[:, np.arange(9), np.arange(9)] += prior**-2
@@ -265,8 +159,17 @@ def fit_flights(
         weight = 1 / (1 + np.exp(np.minimum(0.5 * square / width - STRAY_COST, 50.0)))
     return _fitted(
         _Solved(
-            motion=motion, normal=normal, prior=prior, p=p, v=v, w=w, square=np.where(real, square, 0.0),
-            position=position, velocity=velocity, start_std=start_std, end_std=end_std,
+            motion=motion,
+            normal=normal,
+            prior=prior,
+            p=p,
+            v=v,
+            w=w,
+            square=np.where(real, square, 0.0),
+            position=position,
+            velocity=velocity,
+            start_std=start_std,
+            end_std=end_std,
         ),
         guess,
         count,
@@ -297,13 +200,17 @@ def _fitted(solved: _Solved, guess: FlightGuess, count: np.ndarray, strays: np.n
     inside = -np.logaddexp(np.log1p(-STRAY_SHARE) - 0.5 * solved.square, -STRAY_COST)
     inside = np.where(np.arange(inside.shape[1]) < count[:, None], inside - 1.0, 0.0).sum(axis=1)
     off = np.concatenate(
-        [(solved.p - guess.start) / solved.start_std, solved.v / guess.velocity_std, solved.w / guess.spin_std[:, None]],
+        [
+            (solved.p - guess.start) / solved.start_std,
+            solved.v / guess.velocity_std,
+            solved.w / guess.spin_std[:, None],
+        ],
         axis=1,
     )
     at_end = (solved.position[:, -1] - guess.end) / solved.end_std
     log_volume = 0.5 * np.linalg.slogdet(solved.normal)[1] + np.log(solved.prior).sum(axis=1)
     cost = inside + 0.5 * np.sum(off**2, axis=1) + 0.5 * np.sum(at_end**2, axis=1) + log_volume
-    first, last = _state_rows(solved.motion, 0), _state_rows(solved.motion, -1)
+    first, last = state_rows(solved.motion, 0), state_rows(solved.motion, -1)
     return FlightFits(
         cost=np.where(np.isfinite(cost), cost, np.inf),
         start=np.concatenate([solved.p, solved.v], axis=1),
@@ -318,3 +225,86 @@ def _fitted(solved: _Solved, guess: FlightGuess, count: np.ndarray, strays: np.n
         inside=inside,
         strays=strays,
     )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class QuickFlights:
+    """Flights between events, fast and approximately; arrays one row a flight. Every flight is placed."""
+
+    start_event: Int[np.ndarray, " flights"]
+    """Index into the events."""
+    end_event: Int[np.ndarray, " flights"]
+    begins: Float[np.ndarray, " flights"]
+    """Times as fitted, s."""
+    ends: Float[np.ndarray, " flights"]
+    position: Float[np.ndarray, "flights 3"]
+    """Just after the start, world metres."""
+    velocity: Float[np.ndarray, "flights 3"]
+    """m/s."""
+    spin: Float[np.ndarray, "flights 3"]
+    """rad/s."""
+    cov: Float[np.ndarray, "flights 9 9"]
+    """Of position, velocity and spin."""
+    residual: Float[np.ndarray, " flights"]
+    """Rms distance of the frames on the path, in their standard deviations; NaN where there are none."""
+
+
+def quick_flights(track: BallTrack, events: BallEvents, camera: Camera, *, world: BallWorld) -> QuickFlights:
+    """Start states of the flights between each two events of a play, fitted together through bounces and hits.
+
+    First guesses for a solver: lift is linear in spin and the bounce law loose, so that positions are good to some
+    tenths of a metre along the ray. Where a `first` or `last` stands at a contact the contact counts. No flight comes
+    back where the track has too few frames with a camera.
+    """
+    sights = sights_of(track, camera)
+    start, end = _flights_between(events, 1e-3 if len(sights) < 2 else 0.5 * float(np.median(np.diff(sights.times))))
+    if not len(sights):
+        start = end = np.zeros(0, dtype=np.int64)
+    begins, ends = events.times[start], events.times[end]
+    step = float(np.median(np.diff(sights.times))) if len(sights) > 1 else 0.04
+    doubt = np.clip(np.nan_to_num(events.time_std, nan=0.5 * step), 0.05 * step, 2 * step)
+    bounce = events.kinds == "bounce"
+    guess = flight_guess(
+        begin_on_ground=np.asarray(bounce[start], dtype=bool),
+        end_on_ground=np.asarray(bounce[end], dtype=bool),
+        begin_time_std=doubt[start],
+        end_time_std=doubt[end],
+        world=world,
+    )
+    fits = fit_flights(sights, begins, ends, guess, world=world)
+    state = np.concatenate([fits.start, fits.spin], axis=1)
+    sketch = PlaySketch(
+        begins=begins,
+        ends=ends,
+        kinds=events.kinds[start],
+        joined=np.concatenate([np.zeros(min(len(start), 1), dtype=bool), end[:-1] == start[1:]]),
+        time_std=doubt[start],
+        state=state,
+    )
+    plays = fit_plays(sights, sketch, world=world, step=step)
+    return QuickFlights(
+        start_event=start,
+        end_event=end,
+        begins=plays.begins,
+        ends=plays.ends,
+        position=plays.state[:, :3],
+        velocity=plays.state[:, 3:6],
+        spin=plays.state[:, 6:],
+        cov=plays.state_cov,
+        residual=plays.residual,
+    )
+
+
+def _flights_between(events: BallEvents, at_once: float) -> tuple[np.ndarray, np.ndarray]:
+    """Events at which flights begin and end."""
+    touch = np.isin(events.kinds, ("hit", "bounce", "net"))
+    beside = np.abs(events.times[:, None] - events.times[touch][None]).min(axis=1, initial=np.inf) <= at_once
+    kept = np.flatnonzero(touch | ~beside)
+    start, end = kept[:-1], kept[1:]
+    flown = (events.kinds[start] != "last") & (events.kinds[end] != "first")
+    # A contact beside a `last` ends its play, one beside a `first` begins it.
+    for kind, side in (("last", start), ("first", end)):
+        marked = events.times[events.kinds == kind]
+        flown &= np.abs(events.times[side][:, None] - marked[None]).min(axis=1, initial=np.inf) > at_once
+    flown &= events.times[end] - events.times[start] > 1e-6
+    return start[flown], end[flown]

@@ -118,7 +118,8 @@ class BallSolution:
                 raise ValueError(f"ball solution: {name}: expected {rows} rows, got {len(getattr(self, name))}")
         placed = np.asarray(self.status != "none", dtype=bool)
         for name in ("position", "velocity", "position_cov"):
-            finite = np.isfinite(getattr(self, name)).reshape(rows, -1)
+            values = getattr(self, name)
+            finite = np.isfinite(values).reshape(rows, values[0].size if rows else 1)
             wrong = np.flatnonzero(np.where(placed, ~finite.all(axis=1), finite.any(axis=1)))
             if len(wrong):
                 expected = "numbers" if placed[wrong[0]] else "NaN"

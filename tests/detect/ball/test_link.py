@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from pgm_data.ball import BallTrack
 from pgm_data.detect.ball.candidates import BallCandidates
 from pgm_data.detect.ball.link import LinkOptions, link_candidates, merge_candidates
-from pgm_data.detect.ball.link_chain import best_chain
+from pgm_data.detect.ball.link_chain import ChainModel, Meetings, best_chain
 
 SIZE = (1280, 720)
 
@@ -255,20 +255,28 @@ def test_same_answer_each_time_and_inputs_unchanged() -> None:
 
 def test_best_chain_is_that_of_all_chains() -> None:
     rng = np.random.default_rng(0)
-    for _ in range(30):
+    model = ChainModel(gap_s=0.4, start=1.0)
+    for _ in range(40):
         count = 6
-        gain = rng.normal(0, 2, count)
-        follows = np.where(rng.random((count, count)) < 0.7, rng.normal(0, 2, (count, count)), -np.inf)
-        follows[np.tril_indices(count)] = -np.inf
-        chosen, _ = best_chain(gain, follows, np.arange(count))
+        gain = rng.normal(0.5, 2, count)
+        begin = rng.choice(np.arange(30), count, replace=False) / 10.0
+        end = begin + rng.integers(1, 10, count) / 10.0 + 0.05
+        gap = begin[None, :] - end[:, None]
+        earlier, later = np.nonzero((gap <= model.gap_s) & (gap > 0))
+        meet = Meetings(earlier=earlier, later=later, worth=rng.uniform(-1, 3, len(earlier)))
+        follows = np.where(gap > model.gap_s, -model.start, -np.inf)
+        follows[earlier, later] = meet.worth
+        chosen, together = best_chain(gain, begin, end, meet, model)
+        order = np.argsort(begin)
         worth = {}
         for code in range(1, 2**count):
-            members = [n for n in range(count) if code >> n & 1]
-            worth[tuple(members)] = gain[members].sum() + sum(
-                follows[a, b] for a, b in zip(members[:-1], members[1:], strict=True)
-            )
+            members = [int(n) for n in order if code >> n & 1]
+            links = [follows[a, b] for a, b in zip(members[:-1], members[1:], strict=True)]
+            worth[tuple(members)] = float(gain[members].sum() + sum(links))
         best = max(worth, key=lambda members: worth[members])
-        assert tuple(chosen) == (best if worth[best] > 0 else ())
+        assert tuple(chosen.tolist()) == (best if worth[best] > 0 else ())
+        if worth[best] > 0:
+            np.testing.assert_allclose(together.sum(), worth[best])
 
 
 def test_merging_keeps_each_place_once_with_the_better_of_both() -> None:

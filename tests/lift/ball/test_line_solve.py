@@ -311,6 +311,25 @@ def test_any_drag_flies_as_its_equation_of_motion(drag):
     assert np.isfinite(solution.position_cov).all()
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_pixels_and_events_without_sense_raise_nothing_and_stay_finite(seed):
+    rng = np.random.default_rng(seed)
+    count, kinds = int(rng.integers(1, 80)), ["hit", "bounce", "net", "first", "last"]
+    times = np.arange(count) / 25
+    pixels = np.cumsum(rng.normal(size=(count, 2)) * rng.choice([1, 20, 200]), axis=0) + [960, 540]
+    pixels[rng.random(count) < 0.3] = np.nan
+    many = int(rng.integers(0, 8))
+    when = np.sort(rng.uniform(-0.1, times[-1] + 0.1, many))
+    marks = np.where(rng.random((many, 1)) < 0.4, rng.uniform(0, 1080, (many, 2)), np.nan)
+    events = events_of(when, [str(rng.choice(kinds)) for _ in range(many)], 0.02, marks)
+    camera = look_at(rng.normal(size=3) * [10, 30, 4] + [0, -20, 6], rng.normal(size=3), 40.0, count)
+    doubt = CameraDoubt(position_cov=0.01 * np.eye(3), focal_std_share=0.01, pixel_std=0.3)
+    solution = solved(ONE, track=track_of(times, pixels), events=events, camera=camera, doubt=doubt)
+    ok = placed(solution)
+    assert np.isfinite(solution.position_cov[ok]).all()
+    assert len(solution.flights.said) == len(solution.flights)
+
+
 def test_lengths_that_do_not_fit_are_refused():
     with pytest.raises(ValueError, match="camera: expected one for each"):
         solved(ONE, camera=ONE.camera[:5])
