@@ -17,8 +17,9 @@ from pgm_data.dataset.tables import read_table
 from pgm_data.lift.ball.shutter import pixel_velocity, shutter_from_streaks
 from pgm_data.lift.ball.solution import CameraDoubt, PlayersAt
 from pgm_data.scene import Prior, Scene, load_scene
-from pgm_data.stages.ball_detect import DetectOptions, detect_clips
-from pgm_data.stages.ball_lift import LiftedBall, Method, Quality, Surroundings, clip_ball, lift_ball
+from pgm_data.stages.ball_detect import DetectOptions, Detector, detect_clips
+from pgm_data.stages.ball_events import Surroundings
+from pgm_data.stages.ball_lift import LiftedBall, Method, Quality, clip_ball, lift_ball
 
 WRIST = "wrist"
 """In the names of joints at which a racket is held."""
@@ -70,13 +71,9 @@ class ClipOutcome:
 
 def detect_options(options: BallOptions, threads: int) -> DetectOptions:
     """How a quality looks for the ball, unless the detector is named."""
-    by_quality: dict[str, Literal["network", "motion", "both"]] = {
-        "draft": "network",
-        "standard": "network",
-        "best": "both",
-    }
-    detector = by_quality[options.quality] if options.detector == "auto" else options.detector
-    return DetectOptions(detector=detector, network=options.network, light=options.quality == "draft", threads=threads)
+    by_quality: Detector = "motion" if options.quality == "draft" else "both"
+    detector = by_quality if options.detector == "auto" else options.detector
+    return DetectOptions(detector=detector, network=options.network, threads=threads)
 
 
 def run_job(arguments: dict, report: Callable[[dict], None]) -> dict:

@@ -1,7 +1,7 @@
 """The ball found in a video's pictures: detectors fed frame by frame, candidates linked to one track a clip."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -15,8 +15,6 @@ from pgm_data.geometry.camera import Camera
 from pgm_data.video import open_video
 
 Detector = Literal["network", "motion", "both"]
-LIGHT_WIDTH = 864
-"""Width of the pictures that the network looks at where speed counts."""
 STILL_PX = 0.5
 """A camera whose picture moves less than this between frames is taken to stand still."""
 
@@ -25,12 +23,10 @@ STILL_PX = 0.5
 class DetectOptions:
     """How the ball is looked for."""
 
-    detector: Detector = "network"
+    detector: Detector = "both"
     """The network, the weight-free motion detector, or both."""
     network: str = ""
     """ONNX file of a ball network to use instead of the bundled one."""
-    light: bool = False
-    """Whether the network looks at smaller pictures, which is faster."""
     threads: int = 1
     """Of the network."""
 
@@ -75,8 +71,7 @@ def made_finders(options: DetectOptions, *, fps: float) -> list[CandidateFinder]
         from pgm_data.detect.ball.network import BallNetwork, BallNetworkOptions, NetworkFinder
 
         network = BallNetwork.load(Path(options.network) if options.network else None, threads=options.threads)
-        own = BallNetworkOptions(threads=options.threads)
-        finders.append(NetworkFinder(network, replace(own, widest=LIGHT_WIDTH) if options.light else own))
+        finders.append(NetworkFinder(network, BallNetworkOptions(threads=options.threads)))
     if options.detector in ("motion", "both"):
         from pgm_data.detect.ball.motion import MotionFinder
 

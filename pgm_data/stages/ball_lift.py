@@ -1,39 +1,22 @@
 """A ball's track, its camera and what people marked, put into metres by the solvers of `lift`."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from pgm_data.ball import BallEvents, BallTrack, no_events
-from pgm_data.ball_marks import merge_events
+from pgm_data.ball import BallTrack
 from pgm_data.dataset.clip_ball import ClipBall, EventRows, ShotRows
-from pgm_data.geometry.camera import Camera
 from pgm_data.lift.ball.landing import SERVE_HEIGHT, in_probability, serves
-from pgm_data.lift.ball.solution import BallSolution, CameraDoubt, PlayersAt, no_doubt
-from pgm_data.lift.ball.world import BallWorld, ball_world
+from pgm_data.lift.ball.solution import BallSolution
+from pgm_data.lift.ball.world import ball_world
 from pgm_data.scene import Prior, Scene
+from pgm_data.stages.ball_events import Surroundings, read_events
 
 Method = Literal["line", "physics"]
 Quality = Literal["draft", "standard", "best"]
 METHODS: tuple[Method, ...] = ("line", "physics")
-SAME_FRAMES = 2.0
-"""Frames within which a detected contact and a marked one are the same."""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Surroundings:
-    """What is known around a ball's track."""
-
-    camera: Camera
-    """One camera a frame; NaN where a frame has none."""
-    size: tuple[int, int]
-    """Width and height of the picture, px."""
-    doubt: CameraDoubt = field(default_factory=no_doubt)
-    players: PlayersAt | None = None
-    marks: BallEvents = field(default_factory=no_events)
-    """A person's events; they override what is detected."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -69,48 +52,34 @@ def lift_ball(
     Raises:
         ValueError: If the scene has no ball or no court.
     """
-    from pgm_data.lift.ball.line_solve import LineOptions, solve_line
-
-    world = ball_world(scene) if drag is None else with_drag(ball_world(scene), drag)
-    events = events_of(track, around, world)
-    solution = solve_line(
-        track, events, around.camera, world=world, doubt=around.doubt, players=around.players, options=LineOptions()
-    )
+    world = ball_world(scene)
+    if drag is not None:
+        world = replace(world, drag_per_m=drag)
+    solution = read_events(track, around, world)
     if method == "physics":
         from pgm_data.lift.ball.physics_solve import physics_preset, solve_physics
 
         solution = solve_physics(
-            track, events, around.camera, world=world, doubt=around.doubt, players=around.players,
+            track, solution.events, around.camera, world=world, doubt=around.doubt, players=around.players,
             options=physics_preset(quality), start=solution,
         )  # fmt: skip
-    return judged(track, solution, scene)
+    return judged(track, with_players(solution, scene), scene)
 
 
-def events_of(track: BallTrack, around: Surroundings, world: BallWorld) -> BallEvents:
-    """What happens to the ball: detected in the picture, placed by the camera, marks of a person ruling.
+def with_players(solution: BallSolution, scene: Scene) -> BallSolution:
+    """The solution with hits that nobody is named for given to the player of the half they happen in.
 
-    A person's list is complete for the kinds it holds: with hits and bounces in it nothing is looked for.
+    Scenes of two players have the near one first.
     """
-    marked = set(around.marks.kinds)
-    if {"hit", "bounce"} <= marked or ("hit" in marked and not world.bounces):
-        return around.marks
-    from pgm_data.detect.ball.track_events import find_events
-    from pgm_data.lift.ball.contacts import ContactOptions, place_events
-
-    steps = np.diff(np.unique(track.times))
-    frame_s = float(np.median(steps)) if len(steps) else 0.04
-    found = find_events(track, size=around.size)
-    merged = merge_events(found, around.marks, within_s=SAME_FRAMES * frame_s, complete_kinds=True)
-    placed = place_events(track, merged, around.camera, world=world, players=around.players, options=ContactOptions())
-    stray = np.isin(placed.kinds, list(marked)) & (placed.sources != "human")
-    return placed.take(np.flatnonzero(~stray))
-
-
-def with_drag(world: BallWorld, drag: Prior) -> BallWorld:
-    """The world with another prior of the drag constant."""
-    from dataclasses import replace
-
-    return replace(world, drag_per_m=drag)
+    events = solution.events
+    if len(scene.players) != 2:
+        return solution
+    y = solution.event_position[:, 1]
+    open_hits = (events.kinds == "hit") & (events.players == "") & np.isfinite(y)
+    names = np.array(events.players, dtype=object)
+    names[open_hits & (y < 0)] = scene.players[0].name
+    names[open_hits & (y >= 0)] = scene.players[1].name
+    return replace(solution, events=replace(events, players=names))
 
 
 def judged(track: BallTrack, solution: BallSolution, scene: Scene) -> LiftedBall:

@@ -16,7 +16,8 @@ from pgm_data.dataset.documents import read_document
 from pgm_data.lift.ball.solution import CameraDoubt
 from pgm_data.scene import Prior, Scene
 from pgm_data.stages.ball_clips import ClipOutcome, outcome_of
-from pgm_data.stages.ball_lift import Method, Quality, Surroundings, clip_ball, lift_ball
+from pgm_data.stages.ball_events import Surroundings
+from pgm_data.stages.ball_lift import Method, Quality, clip_ball, lift_ball
 
 DEFAULT_SIZE = (1920, 1080)
 """Of pictures of which nobody tells the size; only scales thresholds of the search for events."""
@@ -78,7 +79,13 @@ def place_track(job: TrackJob, *, clip_id: str) -> PlacedTrack:
         from pgm_data.convert.annotation_events import read_events
 
         marks = read_events(job.events, track.times, first_frame=int(clock.video_frame[0]), size=size)
-    around = Surroundings(camera=seen.camera, size=size or picture_size(seen), doubt=track_doubt(seen), marks=marks)
+    around = Surroundings(
+        camera=seen.camera,
+        size=size or picture_size(seen),
+        doubt=track_doubt(seen),
+        players=None,
+        marks=marks,
+    )
     lifted = lift_ball(track, around, scene=job.scene, method=job.method, quality=job.quality, drag=job.drag)
     outcome = outcome_of(clip_id, lifted, detect_s=0.0, lift_s=time.monotonic() - started)
     return PlacedTrack(

@@ -19,6 +19,7 @@ from pgm_data.convert.track_csv import TrackRows, read_track_csv
 from pgm_data.court import Court
 from pgm_data.dataset.clip_camera import ClipCamera, read_clip_camera
 from pgm_data.dataset.documents import read_document
+from pgm_data.detect.ball.track_events import find_events
 from pgm_data.lift.ball.solution import BallSolution
 from pgm_data.lift.ball.world import BallWorld, ball_world
 from pgm_data.scene import Scene, load_scene
@@ -147,8 +148,11 @@ def _solved(
     times = np.interp(true, video_frame, track.times)
     within = WITHIN_FRAMES / float(labels["fps"])
     found = match_events(times, kinds, solution.events.times, solution.events.kinds, within)
+    flat = find_events(track, size=around.size)
+    found_2d = match_events(times, kinds, flat.times, flat.kinds, within)
     return (
         {"failed": False, "seconds": seconds, "reason": solution.said, "found_events": plain_matches(found)}
+        | {"found_2d": plain_matches(found_2d)}
         | {"placed": float(np.mean(solution.status != "none"))}
         | law_figures(solution, track.times, ball_world(scene), scene.court)
     )

@@ -199,8 +199,8 @@ def rally_table(rows: Sequence[dict]) -> str:
     def line(name: str, wanted: str, cell: Callable[[dict], str]) -> list[str]:
         return [name, wanted, *("failed" if row["failed"] else cell(row) for row in rows)]
 
-    def f1(row: dict, name: str) -> str:
-        return number(getattr(event_figures([row["found_events"]]), name), 3)
+    def f1(row: dict, name: str, where: str = "found_events") -> str:
+        return number(getattr(event_figures([row[where]]), name), 3)
 
     def share(row: dict, name: str) -> str:
         return percent(row[name]) if name in row else "-"
@@ -210,6 +210,7 @@ def rally_table(rows: Sequence[dict]) -> str:
         [
             line("2D recall within 6 px", "85 %", lambda r: share(r, "recall")),
             line("2D precision", "90 %", lambda r: share(r, "precision")),
+            line("hits and bounces F1, in 2D", "", lambda r: f1(r, "f1_kinds", "found_2d")),
             line("hits and bounces F1", "0.8", lambda r: f1(r, "f1_kinds")),
             line("hits F1", "", lambda r: f1(r, "f1_hit")),
             line("bounces F1", "", lambda r: f1(r, "f1_bounce")),

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from numpy.linalg import LinAlgError
 
 from pgm_data.ball import no_events
+from pgm_data.detect.ball.track_events import find_events
 from pgm_data.scene import Scene, load_scene
 from pgm_data.stages.ball_lift import LiftedBall, Method, Quality, Surroundings, lift_ball
 from pgm_data.stages.trade_ball_bound import bound_of
@@ -65,6 +66,8 @@ def solve_cases(arguments: dict, report: Report) -> dict:
             for source in arguments["sources"]:
                 row = solved_row(case, solver, source, scene, cold=solver.name not in warm)
                 warm.add(solver.name)
+                if source == FOUND:
+                    row["found_2d"] = score_events(case, find_events(case.track, size=options.size))
                 rows.append(
                     {
                         "part": "drawn",

@@ -90,6 +90,9 @@ class Group:
     """Median of the same case solved once more."""
     coverage: Coverage
     found: EventFigures
+    """After the solver has moved and dropped some."""
+    found_2d: EventFigures
+    """As the search in the track gives them, without the camera; of found ones alone."""
 
 
 def groups_of(rows: Sequence[dict]) -> tuple[Group, ...]:
@@ -150,6 +153,7 @@ def _group(key: tuple[str, str, str, str], rows: Sequence[dict]) -> Group:
         again_s=lower_median(_known(rows, "again_s")),
         coverage=_coverage(good),
         found=event_figures([row["found_events"] for row in good]),
+        found_2d=event_figures([row["found_2d"] for row in rows if "found_2d" in row]),
     )
 
 

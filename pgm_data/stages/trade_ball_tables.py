@@ -108,13 +108,22 @@ def coverage_table(groups: Sequence[Group]) -> str:
 
 
 def events_table(groups: Sequence[Group]) -> str:
-    """F1 of contacts within two frames, after the solver has moved and dropped some."""
-    head = ["solver", "hits F1", "bounces F1", f"both F1 ({EVENTS_BAR})", "kind apart F1", "time error, ms"]
+    """F1 of contacts within two frames, after the solver has moved and dropped some, and in 2D before."""
+    head = [
+        "solver",
+        "both F1 in 2D",
+        "hits F1",
+        "bounces F1",
+        f"both F1 ({EVENTS_BAR})",
+        "kind apart F1",
+        "time error, ms",
+    ]
     return markdown(
         head,
         [
             [
                 g.solver,
+                number(g.found_2d.f1_kinds, 3),
                 number(g.found.f1_hit, 3),
                 number(g.found.f1_bounce, 3),
                 number(g.found.f1_kinds, 3),

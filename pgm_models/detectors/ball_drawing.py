@@ -1,6 +1,6 @@
 """Balls and what may be taken for one, drawn into three pictures that follow each other."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -79,17 +79,22 @@ def draw_ball(
     open_share = rng.uniform(0.02, 0.7)
     bend = rng.normal(0, 0.3 + 0.03 * step, 2)
     colour = COLOURS[rng.integers(len(COLOURS))] * rng.uniform(0.55, 1.15) + rng.normal(0, 12, 3)
-    soft = rng.uniform(0.0, 0.9)
+    if rng.random() < 0.5:  # codecs keep little of a small thing's colour
+        colour = colour + rng.uniform(0.3, 1.0) * (colour.mean() - colour)
+    soft = rng.uniform(0.0, 1.2)
+    ghost = rng.uniform(0.25, 0.5) if rng.random() < 0.2 else 0.0  # a rate conversion blends two pictures
     places = (centre - turned + bend, centre, centre + velocity + bend)
     if rng.random() < 0.5:
         places = places[::-1]
-    opacity = rng.uniform(0.75, 1.0)
+    opacity = rng.uniform(0.75, 1.0) if rng.random() < 0.5 else rng.uniform(0.3, 0.8)
     contrast = 0.0
     for k, (frame, place, way) in enumerate(zip(frames, places, (turned, velocity, velocity), strict=True)):
         if k != 1 and rng.random() < 0.06:
             continue  # hidden behind something there
         disc = _Disc(centre=place, streak=open_share * way, radius=radius, opacity=opacity, soft=soft)
         found = _lay(frame, disc, colour)
+        if ghost:
+            _lay(frame, replace(disc, centre=place + way, opacity=ghost * opacity), colour)
         contrast = found if k == 1 else contrast
     return DrawnBall(pixel=centre, streak=open_share * velocity, seen=contrast >= least_trace)
 
@@ -124,7 +129,7 @@ def _moving_piece(frames: list, rng: np.random.Generator) -> None:
     """A piece of the picture itself, larger than a ball, that travels: a shoe, a hand, a bird."""
     height, width = frames[1].shape[:2]
     size = np.exp(rng.uniform(np.log(8.0), np.log(50.0))) * np.exp(rng.normal(0, 0.35, 2))
-    wide, high = np.clip(size, 6, 90).astype(int)
+    wide, high = np.clip(size, 6, np.minimum(90, [width - 1, height - 1])).astype(int)
     x, y = int(rng.integers(0, width - wide)), int(rng.integers(0, height - high))
     piece = frames[1][y : y + high, x : x + wide].astype(np.float32)
     if rng.random() < 0.6:

@@ -1,7 +1,7 @@
 """Frames of clips with a known ball: where it is, how it is smeared, and whether the picture shows it."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from zlib import crc32
@@ -56,7 +56,7 @@ def turns(camera: Camera) -> Float[np.ndarray, "frames 3 3"]:
     """Pixels of each frame from those of the one before, by the camera's turn and zoom; the identity where unknown."""
     away = camera.K @ camera.R_cam_from_world
     maps = np.repeat(np.eye(3)[None], len(away), axis=0)
-    known = np.isfinite(away).all(axis=(1, 2))
+    known = np.asarray(np.isfinite(away).all(axis=(1, 2)))
     both = np.flatnonzero(known[1:] & known[:-1]) + 1
     found = away[both] @ np.linalg.inv(away[both - 1])
     maps[both] = found / found[:, 2:, 2:]
@@ -83,7 +83,8 @@ def prepare_ball_clip(folder: Path, video: Path, cache: Path, scene: Scene) -> B
         pictures = Pictures(jpegs=jpegs, offsets=offsets)
         truth["state"] = _states(pictures, truth)
         with whole_file(about) as temporary, temporary.open("wb") as file:
-            np.savez(file, offsets=offsets, **truth)
+            kept = {name: values for name, values in truth.items() if name != "hidden"}
+            np.savez(file, allow_pickle=False, offsets=offsets, **kept)
     with np.load(about) as kept:
         return BallClip(
             clip_id=folder.name,
@@ -245,9 +246,3 @@ def divide_matches(clips: Sequence[BallClip]) -> FrameSet[BallClip]:
         lengths = np.array([len(clip) for clip in clips])
         out = pairs[:, 1] >= 0.9 * lengths[pairs[:, 0]]
     return FrameSet(clips=tuple(clips), training=pairs[~out], held_out=pairs[out])
-
-
-def frames_of(clip: BallClip) -> Iterator[UInt8[np.ndarray, "height width 3"]]:
-    """The clip's pictures in order."""
-    for index in range(len(clip)):
-        yield clip.pictures.read(index)

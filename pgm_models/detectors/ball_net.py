@@ -51,9 +51,9 @@ class BallNet(nn.Module):
         self.up4 = Up(s8, out)
         self.head = nn.Conv2d(out, len(CHANNELS), 1)
         nn.init.zeros_(self.head.weight)
-        nn.init.constant_(self.head.bias, 0.0)
-        with torch.no_grad():
-            self.head.bias[0] = RARE
+        said = torch.zeros(len(CHANNELS))
+        said[0] = RARE
+        self.head.bias = nn.Parameter(said)
 
     def forward(
         self, grey: UInt8[Tensor, "batch 3 height width"], colour: UInt8[Tensor, "batch 2 half_height half_width"]

@@ -95,6 +95,7 @@ def train_ball(
         seed=options.seed,
         threads=options.threads,
         average=0.998,
+        clip=10.0,
         checkpoint_minutes=3.0,
     )
     growing = options.look_again_minutes > 0

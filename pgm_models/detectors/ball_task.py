@@ -1,7 +1,7 @@
 """Learning where a ball is in the middle one of three frames, from clips whose ball is known."""
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import cast
 
 import cv2
@@ -48,9 +48,9 @@ class BallTaskOptions:
     """Share of crops into which things that are no ball in flight are drawn; up to four."""
     shake_px: float = 0.35
     """Standard deviation of small movements of the whole picture between frames, in the half of crops that has them."""
-    place_weight: float = 0.5
+    place_weight: float = 0.15
     """Weight of the place beside whether there is a ball."""
-    streak_weight: float = 0.2
+    streak_weight: float = 1.5
     """Weight of the streak beside whether there is a ball."""
     seed: int = 0
     """Of the order of frames and of all changes to them."""
@@ -337,8 +337,3 @@ def seen_through(
     twice = 2 * move + np.array([[0, 0, 0.5], [0, 0, 0.5]])
     large = cv2.warpAffine(bgr, twice, (2 * size, 2 * size), flags=cv2.INTER_LINEAR, borderMode=border)
     return np.asarray(cv2.resize(large, (size, size), interpolation=cv2.INTER_AREA), dtype=np.uint8)
-
-
-def still(options: BallTaskOptions) -> BallTaskOptions:
-    """The options without anything drawn in, enlarged or shaken."""
-    return replace(options, zoom=(1.0, 1.0), drawn=0.0, distractors=0.0, shake_px=0.0)

@@ -32,7 +32,6 @@ from pgm_models.detectors.ball_task import (
     focal_loss,
     place_loss,
     seen_through,
-    still,
     truth_of,
 )
 from pgm_models.detectors.clip_pictures import FrameSet, Pictures, find_clips, find_video, keep_pictures
@@ -102,7 +101,7 @@ def test_a_smeared_disc_keeps_its_area_its_centre_and_its_way(centre, streak, ra
     mass = cover.sum()
     np.testing.assert_allclose(mass, np.pi * radius**2, rtol=0.06 + 0.12 / radius)
     offset = np.stack([x - centre[0], y - centre[1]], axis=-1)
-    np.testing.assert_allclose((cover[..., None] * offset).sum(axis=(0, 1)) / mass, 0, atol=0.12)
+    np.testing.assert_allclose((cover[..., None] * offset).sum(axis=(0, 1)) / mass, 0, atol=0.06 + 0.12 / radius)
     spread = np.einsum("rc,rci,rcj->ij", cover, offset, offset) / mass
     expected = np.outer(streak, streak) / 12 + np.eye(2) * radius**2 / 4
     np.testing.assert_allclose(spread, expected, atol=0.15 + 0.06 * expected.max())
@@ -114,11 +113,10 @@ def test_a_drawn_ball_is_where_it_says_in_the_middle_frame_and_elsewhere_in_the_
         frames = [np.full((96, 96, 3), 20, np.uint8) for _ in range(3)]
         ball = draw_ball(frames, rng, least_trace=5.0)
         changed = np.abs(frames[1].astype(float) - 20).sum(axis=2)
-        if not ball.seen or changed[[0, -1]].any() or changed[:, [0, -1]].any():
+        if not ball.seen:
             continue
-        y, x = np.indices(changed.shape)
-        found = np.array([(changed * x).sum(), (changed * y).sum()]) / changed.sum()
-        np.testing.assert_allclose(found, ball.pixel, atol=0.4)
+        column, row = np.round(ball.pixel).astype(int)
+        assert changed[row - 1 : row + 2, column - 1 : column + 2].max() > 0.6 * changed.max()
         assert not np.array_equal(frames[0], frames[1])
 
 
@@ -223,7 +221,9 @@ def test_nano_learns_a_handful_of_frames(toy_clip, tmp_path):
     clip = toy_clip(12, 3)
     pairs = np.array([[0, k] for k in range(1, 11)])
     frames = FrameSet(clips=(clip,), training=pairs, held_out=pairs)
-    options = replace(still(BallTaskOptions(preset="nano", batch=8, per_frame=4, crop=64)), zoom=(0.24, 0.26))
+    options = BallTaskOptions(
+        preset="nano", batch=8, per_frame=4, crop=64, zoom=(0.24, 0.26), drawn=0.0, distractors=0.0, shake_px=0.0
+    )
     task = BallTask(lambda: frames, options)
     torch.manual_seed(0)
     training = TrainOptions(steps=70, learning_rate=1e-2, average=0.9, log_every=1000, threads=1)

@@ -12,8 +12,9 @@ from pgm_data.lift.ball.world import ball_world
 from pgm_data.scene import Prior, load_scene
 from pgm_data.stages.trade_ball import rows_of, sweep_settings, write_figures
 from pgm_data.stages.trade_ball_cases import BallCase, CaseOptions, draw_case
+from pgm_data.stages.trade_ball_clips import clips_figures, clips_table, pixel_figures
 from pgm_data.stages.trade_ball_rally import law_figures, net_clearance
-from pgm_data.stages.trade_ball_real import view_figures
+from pgm_data.stages.trade_ball_real import real_document, real_tables, view_figures
 from pgm_data.stages.trade_ball_score import (
     brier,
     f1_of,
@@ -186,6 +187,49 @@ def test_table_tennis_errors_count_what_is_placed():
     (view,) = view_figures(rows)
     assert (view.failed, view.median_m, view.mean_m, view.p90_m) == (1, 0.3, pytest.approx(0.2), np.inf)
     assert view.covered == (1.0, 0.0, 1.0)
+
+
+def counted(true: int, found: int, matched: int) -> dict:
+    one = {"true": true, "found": found, "matched": matched, "errors_s": [0.01] * matched}
+    return dict.fromkeys(("hit", "bounce", "kinds", "any"), one)
+
+
+def test_balls_in_pictures_are_right_within_a_distance():
+    true = np.array([[10.0, 10.0], [20.0, 20.0], [np.nan] * 2, [30.0, 30.0], [30.0, 30.0]])
+    found = np.array([[13.0, 14.0], [20.0, 26.5], [5.0, 5.0], [np.nan] * 2, [30.0, 30.0]])
+    figures = pixel_figures(found, true, np.array([True, True, True, True, False]), 6.0)
+    assert figures == {"frames": 5, "true_balls": 3, "found_balls": 3, "right_balls": 1}
+    rows = [
+        {"part": "clips", "clip": "a", "solver": "line", "detect_s": 0.5, "seconds": 0.1, "failed": False}
+        | {"rms_m": 0.2, "errors_m": [[0.1] * 3], "sigmas_m": [[0.2] * 3], "found_events": counted(4, 4, 3)}
+        | figures,
+        {"part": "clips", "clip": "b", "solver": "line", "detect_s": 0.5, "seconds": 0.3, "failed": True}
+        | {"rms_m": None, "reason": "ValueError: no"}
+        | figures,
+    ]
+    (line,) = clips_figures(rows)
+    assert (line.clips, line.failed, line.error_m, line.detect_fps) == (2, 1, 0.2, 10.0)
+    assert line.recall == line.precision == pytest.approx(1 / 3) and line.events.f1_kinds == 0.75
+    assert "| line | 2 | 1 | 33.3 % | 33.3 % | 0.750 |" in clips_table((line,))
+
+
+def test_tables_of_real_data_say_what_was_measured_and_what_failed():
+    laws = {"shots": 10, "over_net": 9, "speeds_right": 10, "bounces": 9, "bounces_right": 8, "residual_px": None}
+    rally = {"part": "rally", "from": "track", "solver": "line", "failed": False, "seconds": 1.0, "placed": 0.9}
+    rows = [
+        rally | laws | {"found_events": counted(24, 24, 21), "found_2d": counted(24, 24, 22)},
+        {"part": "rally", "from": "pixels", "solver": "best", "failed": True, "seconds": 1.0, "reason": "no"},
+        {"part": "rolandgarros", "tuning": True, "found_events": counted(10, 8, 6)},
+        {"part": "rolandgarros", "tuning": False, "found_events": counted(10, 10, 8)},
+        {"part": "shots", "shots": 3, "time_ratio": [0.9, 1.0, 1.1], "height_m": 0.02},
+    ]
+    text = "\n".join(real_tables(rows))
+    assert "| hits and bounces F1 | 0.8 | 0.875 | failed |" in text
+    assert "| hits and bounces F1, in 2D |  | 0.917 | failed |" in text
+    assert "| shots that cross the net above it | all | 9 of 10 | failed |" in text
+    assert "| held out | 0.800 | 0.800 | 0.800 (0.75) | 0.800 | 10.0 |" in text
+    assert "3 that bounced in" in text
+    assert json.dumps(real_document(rows), allow_nan=False)
 
 
 def test_real_files_are_read_as_they_are(tmp_path: Path):

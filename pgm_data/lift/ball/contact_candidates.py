@@ -67,7 +67,8 @@ def find_bends(
         apart = max(1.5, 0.4 * sides if windows is not WINDOWS[0] else 0.0) * step
         tried = [_bend_gains(times[kept], pixels[kept], sigma_px[kept], step, window) for window in windows]
         best = np.array([gains for _, _, gains in tried]).argmax(axis=0)
-        found = _sharpest(*(np.choose(best, values) for values in zip(*tried, strict=True)), apart)
+        place, doubt, won = (np.choose(best, values) for values in zip(*tried, strict=True))
+        found = _sharpest(place, doubt, won, apart)
         # What a shorter window placed is placed better.
         new = np.abs(found[0][:, None] - at).min(axis=1, initial=np.inf) > apart
         at, spread, gain = (
@@ -109,13 +110,13 @@ def _placed(
     basis = np.stack([np.ones_like(u), u, u**2, np.maximum(u, 0), np.maximum(u, 0) ** 2], axis=-1)
     weight = np.where(real, 1 / sigma_px[index], 0.0)[:, None]
     shown = np.where(real[..., None], pixels[index], np.nan)
-    shown = shown - np.where(real.any(axis=1)[:, None], _mean(shown), 0.0)[:, None]
+    shown = shown - _mean(shown)[:, None]
     shown = np.where(real[..., None], shown, 0.0)
     wide = np.abs(shown).max(axis=(1, 2)) + 10.0
     # Paths are a little curved, no more: that keeps short sides from swinging.
     soft = np.stack([wide * 100, wide * 10, 0.4 * wide, wide * 10, 0.4 * wide], axis=-1)
     design = basis * weight[..., None]
-    normal = np.swapaxes(design, -1, -2) @ design + (soft**-2)[:, None, None, :] * np.eye(5)
+    normal = np.swapaxes(design, -1, -2) @ design + np.maximum(soft**-2, 1e-9)[:, None, None, :] * np.eye(5)
     target = shown[:, None] * weight[..., None]
     right = np.swapaxes(design, -1, -2) @ target
     found = np.linalg.solve(normal, right)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
-from pgm_data.lift.ball.contact_motion import Motion, Sights, motion_along, state_rows, velocity_scale
+from pgm_data.lift.ball.contact_motion import Motion, Sights, inverted, motion_along, solved, state_rows, velocity_scale
 from pgm_data.lift.ball.world import BallWorld
 
 TURNS = 8
@@ -60,9 +60,9 @@ def fit_plays(sights: Sights, sketch: PlaySketch, *, world: BallWorld, step: flo
     state = sketch.state.copy()
     joined = np.flatnonzero(sketch.joined)
     normal = np.eye(10 * count)
-    velocity, times = None, None
-    square = real = np.zeros((count, 1))
-    motion = None
+    times = np.stack([begins, ends], axis=1)
+    motion = motion_along(times, np.repeat(state[:, None, 3:6], 2, axis=1), world)
+    square, real = np.zeros((count, 1)), np.zeros((count, 1), dtype=bool)
     for turn in range(TURNS):
         first = np.searchsorted(sights.times, begins, side="left")
         frames = np.searchsorted(sights.times, ends, side="left") - first
@@ -75,12 +75,7 @@ def fit_plays(sights: Sights, sketch: PlaySketch, *, world: BallWorld, step: flo
             [begins[:, None], np.where(real, sights.times[index], ends[:, None]), ends[:, None]], 1
         )
         new_times = np.minimum(new_times, np.maximum(ends, begins)[:, None])
-        if velocity is None or times is None:
-            guess = np.repeat(state[:, None, 3:6], new_times.shape[1], axis=1)
-            velocity = motion_along(new_times, guess, world).velocity(state[:, 3:6], state[:, 6:])
-        else:
-            velocity = motion.velocity(state[:, 3:6], state[:, 6:])
-            velocity = _resampled(times, velocity, new_times)
+        velocity = _resampled(times, motion.velocity(state[:, 3:6], state[:, 6:]), new_times)
         times = new_times
         motion = motion_along(times, velocity, world)
         velocity = motion.velocity(state[:, 3:6], state[:, 6:])
@@ -103,12 +98,12 @@ def fit_plays(sights: Sights, sketch: PlaySketch, *, world: BallWorld, step: flo
         width = 9.0 if turn < 2 else (4.0 if turn < 4 else 1.0)
         weight = np.where(real, 1 / (1 + np.exp(np.minimum(0.5 * square / width - STRAY_COST, 50.0))), 0.0)
         soft = np.sqrt(weight)[..., None]
-        design = (rows * soft[..., None]).reshape(count, -1, 10)
+        design = (rows * soft[..., None]).reshape(count, 2 * index.shape[1], 10)
         blocks = np.swapaxes(design, 1, 2) @ design
-        right = np.einsum("fri,fr->fi", design, (wanted * soft).reshape(count, -1))
+        right = np.einsum("fri,fr->fi", design, (wanted * soft).reshape(count, 2 * index.shape[1]))
         _add_priors(blocks, right, sketch, begins, asked, world, velocity)
         normal, right = _with_junctions(blocks, right, joined, sketch, motion, velocity, world)
-        found = np.linalg.solve(normal, right).reshape(count, 10)
+        found = solved(normal, right).reshape(count, 10)
         state = found[:, :9]
         shift = np.where(sketch.joined, np.clip(found[:, 9], -1.5 * step, 1.5 * step), 0.0)
         moved = begins + shift
@@ -117,7 +112,7 @@ def fit_plays(sights: Sights, sketch: PlaySketch, *, world: BallWorld, step: flo
         high = ends - 0.2 * step
         begins = np.where(sketch.joined, np.clip(moved, low, np.maximum(high, low)), begins)
         ends[joined - 1] = begins[joined]
-    cov = np.linalg.inv(normal)
+    cov = inverted(normal)
     cov = cov.reshape(count, 10, count, 10)[np.arange(count), :, np.arange(count)]
     kept = real & (square < 2 * STRAY_COST)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -141,7 +136,7 @@ def _resampled(times: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> np.
     if times.shape == wanted.shape and np.array_equal(times, wanted):
         return values
     count = times.shape[1]
-    at = np.stack([np.searchsorted(row, w) for row, w in zip(times, wanted, strict=True)])
+    at = (times[:, :, None] < wanted[:, None]).sum(axis=1)
     at = np.clip(at, 1, count - 1)
     low = np.take_along_axis(times, at - 1, 1)
     width = np.take_along_axis(times, at, 1) - low

@@ -72,7 +72,7 @@ def price_flights(
     world: BallWorld,
     toll: float,
     idle: Float[np.ndarray, " gaps"],
-    thinning: tuple[int, int],
+    thinning: int,
 ) -> Hypotheses:
     """All flights that pass moments of no more than this toll and are not far dearer than no flight at all."""
     begin, end = _spans(moments, toll)
@@ -89,12 +89,12 @@ def price_flights(
     rows, b_ground, e_ground = rows[fine], b_ground[fine], e_ground[fine]
     spent = np.concatenate([[0.0], np.cumsum(idle)])
     allowed = spent[rows[:, 1]] - spent[rows[:, 0]] + SPARE
-    few = sights.thinned(thinning[0])
+    few = sights.thinned(thinning)
     # A few turns on fewer frames tell the hopeless ones.
     _, cost = _fit_by_length(few, moments, rows, world, turns=3)
     hopeful = cost < allowed + SPARE
     rows, b_ground, e_ground, allowed = (values[hopeful] for values in (rows, b_ground, e_ground, allowed))
-    fits, cost = _fit_by_length(sights.thinned(thinning[1]), moments, rows, world, turns=TURNS)
+    fits, cost = _fit_by_length(sights, moments, rows, world, turns=TURNS)
     good = cost < allowed
     return Hypotheses(
         begin=rows[good, 0],

@@ -65,7 +65,7 @@ def moments_of(
         times=times,
         time_std=np.maximum(spread, 0.05 * step),
         may_bounce=low,
-        may_be_free=np.isfinite(bias[:, [0, 2, 3, 4]]).any(axis=1),
+        may_be_free=np.asarray(np.isfinite(bias[:, [0, 2, 3, 4]]).any(axis=1)),
         must=must,
         toll=_tolls(bends, times, step),
         bias=bias,

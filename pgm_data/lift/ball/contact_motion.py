@@ -42,11 +42,10 @@ class Sights:
         return len(self.times)
 
     def thinned(self, every: int) -> "Sights":
-        """One of so many frames, as sharp as all of them together."""
+        """One of so many frames."""
         if every <= 1:
             return self
-        kept = {name: getattr(self, name)[::every] for name in self.__dataclass_fields__}
-        return Sights(**(kept | {"sigma_px": kept["sigma_px"] / np.sqrt(every)}))
+        return Sights(**{name: getattr(self, name)[::every] for name in self.__dataclass_fields__})
 
 
 def sights_of(track: BallTrack, camera: Camera) -> Sights:
@@ -155,3 +154,22 @@ def state_rows(motion: Motion, index: int) -> np.ndarray:
     rows[:, :3, 6:] = _turned(motion.bend[:, index])
     rows[:, 3:, 6:] = _turned(motion.bend_speed[:, index])
     return rows
+
+
+def solved(normal: Float[np.ndarray, "*batch n n"], right: Float[np.ndarray, "*batch n"]) -> np.ndarray:
+    """Solutions of positive definite systems whose unknowns may differ much in scale."""
+    scale, even = _evened(normal)
+    return np.linalg.solve(even, (right / scale)[..., None])[..., 0] / scale
+
+
+def inverted(normal: Float[np.ndarray, "*batch n n"]) -> np.ndarray:
+    """Inverses of such matrices."""
+    scale, even = _evened(normal)
+    return np.linalg.inv(even) / (scale[..., :, None] * scale[..., None, :])
+
+
+def _evened(normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Scales of the unknowns, and the matrices with ones on the diagonal and a trace more."""
+    scale = np.sqrt(np.diagonal(normal, axis1=-2, axis2=-1))
+    even = normal / (scale[..., :, None] * scale[..., None, :])
+    return scale, even + 1e-11 * np.eye(normal.shape[-1])

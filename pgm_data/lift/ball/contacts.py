@@ -19,8 +19,8 @@ FEWEST = 4
 """Measured frames below which nothing is decided."""
 ROUGH_FPS = 25.0
 """Frames a second that suffice to tell hopeless flights."""
-FINE_FPS = 60.0
-"""Frames a second that suffice to tell flights apart."""
+MOST_FPS = 50.0
+"""Frames a second that suffice to tell contacts apart; times take all frames."""
 SHORT = 30
 """Tracks of no more measured frames are tried at every frame."""
 WORSE = 2.0
@@ -73,22 +73,23 @@ def place_events(
     Rows of source `human` stay, and nothing else lies beside them; their time is sharpened where a flight allows it.
     Other rows are hints. Where too little is seen the given events come back as they are.
     """
-    sights = sights_of(track, camera)
-    if len(sights) < FEWEST:
+    full = sights_of(track, camera)
+    if len(full) < FEWEST:
         return events
+    sights = full.thinned(round(1 / (MOST_FPS * max(float(np.median(np.diff(full.times))), 1e-4))))
     step = float(np.median(np.diff(sights.times)))
     bends = find_bends(sights.times, track.pixels[sights.frames], sights.sigma_px, most_per_s=options.bends_per_s)
     moments = moments_of(bends, events, sights, world=world, step=step, trust=options.trust)
     if len(sights) <= SHORT:
         moments = filled(moments, sights, sights.times[None, [0, -1]], world=world, step=step, apart=step)
-    told = _decide(sights, moments, world=world, step=step, options=options)
+    told = _decide((sights, full), moments, world=world, step=step, options=options)
     decided = moments
     for _ in range(options.rounds - 1):
         poor = _poor_spans(told, moments, sights)
         if told.plays is not None:
             moments = moved(moments, told.chain.moments[told.starts], told.plays, step=step)
         moments = filled(moments, sights, poor, world=world, step=step, apart=max(1.5 * step, 0.04))
-        again = _decide(sights, moments, world=world, step=step, options=options)
+        again = _decide((sights, full), moments, world=world, step=step, options=options)
         if again.chain.cost > told.chain.cost + WORSE:
             break
         told, decided = again, moments
@@ -122,10 +123,14 @@ def _poor_spans(told: _Told, moments: Moments, sights: Sights) -> np.ndarray:
     return np.concatenate([spans, idle])
 
 
-def _decide(sights: Sights, moments: Moments, *, world: BallWorld, step: float, options: ContactOptions) -> _Told:
+def _decide(
+    seen: tuple[Sights, Sights], moments: Moments, *, world: BallWorld, step: float, options: ContactOptions
+) -> _Told:
+    """The labelling by the first sights, its times by the second ones."""
+    sights, full = seen
     fall = np.sqrt(2 * max(world.ground_half_size) / GRAVITY)
     idle = idle_costs(sights, moments.times, options.idle_nats / fall, step)
-    thinning = (max(1, round(1 / (ROUGH_FPS * step))), max(1, round(1 / (FINE_FPS * step))))
+    thinning = max(1, round(1 / (ROUGH_FPS * step)))
     flights = price_flights(sights, moments, world=world, toll=options.toll_nats, idle=idle, thinning=thinning)
     rates = Rates(hit_per_s=options.hit_per_s, net_share=options.net_share, play_per_s=options.play_per_s)
     links = link_costs(flights, moments, world=world, rates=rates)
@@ -144,7 +149,7 @@ def _decide(sights: Sights, moments: Moments, *, world: BallWorld, step: float, 
         time_std=np.maximum(moments.time_std[chain.moments[starts]], 0.5 * step),
         state=np.concatenate([flights.fits.start[row], flights.fits.spin[row]], axis=1),
     )
-    return _live(chain, starts, fit_plays(sights, sketch, world=world, step=step), world, moments)
+    return _live(chain, starts, fit_plays(full, sketch, world=world, step=step), world, moments)
 
 
 def _live(chain: Chain, starts: np.ndarray, plays: PlayFlights, world: BallWorld, moments: Moments) -> _Told:

@@ -8,7 +8,7 @@ those.
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from pgm_data.geometry.camera import Camera, project
 from pgm_data.geometry.rigid import rotation_from_rotvec
@@ -78,12 +78,17 @@ def information(fit: RallyFit, *, camera: Camera, world: BallWorld, doubt: Camer
     spread = T @ root
     pictures = _picture_rows(fit, world)
     columns = _picture_columns(fit)
-    errors = camera_errors(camera[fit.plan.frames.index[fit.plan.picture]], doubt, world)
-    pulled, _ = _pull(fit, camera, errors)
+    marked, mark_frames = _marks(fit)
+    count = len(fit.plan.picture)
+    errors = camera_errors(camera[np.concatenate([fit.plan.frames.index[fit.plan.picture], mark_frames])], doubt, world)
+    pulled = _pull(fit, camera, [off[:count] for off in errors])
     # Gradient of the cost by the unknowns under each camera error; the solution moves against it.
     gradient = np.zeros((len(T), pulled.shape[-1]))
     moved = np.einsum("pij,pie->pje", pictures[:, :3], pulled)
     np.add.at(gradient, columns, moved)
+    if len(marked) and errors:
+        ground = fit.plan.layout.position[marked, :2]
+        gradient[ground] += _mark_pull(fit, camera[mark_frames], marked, [off[count:] for off in errors])
     camera_spread = -(spread @ (spread.T @ gradient))
     picture_camera = np.einsum("pij,pje->pie", pictures, camera_spread[columns]) if len(columns) else moved
     misfit = fit.misfit
@@ -202,14 +207,33 @@ def _spent(fit: RallyFit, shown: np.ndarray, camera: Camera) -> float:
     return float((leverage**2).sum(axis=(1, 2)) @ _weights(fit)[rows])
 
 
-def _pull(fit: RallyFit, camera: Camera, errors: list[Camera]) -> tuple[np.ndarray, Bool[np.ndarray, " pictures"]]:
+def _marks(fit: RallyFit) -> tuple[Int[np.ndarray, " marks"], Int[np.ndarray, " marks"]]:
+    """Contacts with a ground mark and the frames of their cameras."""
+    plan = fit.plan
+    marked = np.flatnonzero(plan.data.mark_precision > 0)
+    nearest = np.abs(plan.frames.times[:, None] - plan.play.times[None, marked]).argmin(axis=0)
+    return marked, plan.frames.index[nearest]
+
+
+def _mark_pull(
+    fit: RallyFit, camera: Camera, marked: np.ndarray, errors: list[Camera]
+) -> Float[np.ndarray, "marks 2 errors"]:
+    """Gradient of the cost by the marked contacts' x and y when the camera is off by each of the errors."""
+    ground = fit.unknowns[fit.plan.layout.position[marked]] * np.array([1.0, 1.0, 0.0])
+    J = _pixel_rows(camera, ground)[:, :, :2] * fit.plan.data.mark_precision[marked, None, None]
+    there, _ = project(camera, ground[:, None])
+    shifts = [np.nan_to_num(project(off, ground[:, None])[0] - there)[:, 0] for off in errors]
+    return np.stack([np.einsum("kij,ki->kj", J, shift) for shift in shifts], axis=-1)
+
+
+def _pull(fit: RallyFit, camera: Camera, errors: list[Camera]) -> Float[np.ndarray, "pictures 3 errors"]:
     """Gradient of the cost by each picture's position when the camera is off by each of the errors."""
     plan = fit.plan
     pulled = np.zeros((len(plan.picture), 3, len(errors)))
     weight = _weights(fit)
     seen = np.asarray(weight > 0)
     if not errors or not seen.any():
-        return pulled, seen
+        return pulled
     own = camera[plan.frames.index[plan.picture[seen]]]
     points = fit.states[seen, :3]
     J = _pixel_rows(own, points)
@@ -218,7 +242,7 @@ def _pull(fit: RallyFit, camera: Camera, errors: list[Camera]) -> tuple[np.ndarr
         moved, _ = project(off[seen], points[:, None])
         shift = np.nan_to_num(moved - there)[:, 0]
         pulled[seen, :, e] = np.einsum("pij,pi->pj", J, shift * weight[seen, None])
-    return pulled, seen
+    return pulled
 
 
 def camera_errors(camera: Camera, doubt: CameraDoubt, world: BallWorld) -> list[Camera]:

@@ -14,6 +14,9 @@ from pgm_data.lift.ball.solution import BallSolution, Flights, FlightStatus
 from pgm_data.lift.ball.world import BallWorld
 from pgm_data.scene import Prior
 
+MOST = 0.5
+"""A flight that lost more than this share of its pixels as outliers rests on its neighbours."""
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Piece:
@@ -164,7 +167,7 @@ def _put(tables: _Tables, rows: np.ndarray, piece: Piece, solved: PlayFit, world
     tables.start_velocity_cov[rows] = known.covariance(layout.after)
     tables.spin[rows] = np.where(solved.spin_free[:, None], y[layout.spin], np.nan)
     tables.spin_std[rows] = known.std(layout.spin)
-    tables.drag[rows] = y[layout.drag], known.std(np.array(layout.drag))
+    tables.drag[rows] = y[layout.drag], known.std(np.array([layout.drag]))[0]
     tables.landing[rows], tables.landing_cov[rows] = _landings(piece, solved, world)
     residual = (fit.residual_px**2).sum(axis=1)
     measured = np.isfinite(residual)
@@ -180,6 +183,10 @@ def _put(tables: _Tables, rows: np.ndarray, piece: Piece, solved: PlayFit, world
         tables.free[row] = tuple(words)
         tables.flight_status[row] = "solved"
         tables.said[row] = piece.said
+        if solved.kept[i] < MOST:
+            tables.flight_status[row] = "fallback"
+            left = f"{1 - solved.kept[i]:.0%} of its pixels left out as outliers, placed from its neighbours"
+            tables.said[row] = f"{piece.said}; {left}"
 
 
 def _landings(piece: Piece, solved: PlayFit, world: BallWorld) -> tuple[np.ndarray, np.ndarray]:
@@ -265,7 +272,7 @@ def _fill_neighbours(tables: _Tables, events: BallEvents) -> None:
 
 
 def _posterior(solved: PlayFit, place: int) -> Prior:
-    return Prior(mean=float(solved.fit.unknowns[place]), std=float(solved.information.std(np.array(place))))
+    return Prior(mean=float(solved.fit.unknowns[place]), std=float(solved.information.std(np.array([place]))[0]))
 
 
 def _pooled(posteriors: list[Prior], prior: Prior) -> Prior:

@@ -7,14 +7,13 @@ left to the line method.
 """
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from pgm_data.ball import BallEvents, BallTrack
 from pgm_data.geometry.camera import Camera
-from pgm_data.lift.ball.physics_result import Piece, assemble
+from pgm_data.lift.ball.physics_result import MOST, Piece, assemble
 from pgm_data.lift.ball.rally_plan import Surroundings
 from pgm_data.lift.ball.rally_plays import Play, RallyFrames, plays, rally_frames
 from pgm_data.lift.ball.rally_problem import SolverOptions
@@ -36,7 +35,7 @@ class PhysicsOptions:
     """Most IPOPT iterations of one fit."""
     tolerance: float = 1e-3
     """IPOPT's, of the gradient of the cost by unknowns scaled to about 1."""
-    rounds: int = 4
+    rounds: int = 6
     """Most fits from one start, between which pictures change flights and outliers drop out."""
     bend: float = 3.0
     """Where the robust loss bends, standard deviations."""
@@ -53,8 +52,8 @@ class PhysicsOptions:
     """Reduced chi-squared of a shot above which it counts as not solved."""
 
 
-def physics_preset(name: Literal["draft", "standard", "best"]) -> PhysicsOptions:
-    """The options of a preset.
+def physics_preset(name: str) -> PhysicsOptions:
+    """The options of a preset: draft, standard or best.
 
     Raises:
         ValueError: If there is no such preset.
@@ -62,7 +61,7 @@ def physics_preset(name: Literal["draft", "standard", "best"]) -> PhysicsOptions
     presets = {
         "draft": PhysicsOptions(iterations=15, tolerance=1e-2, rounds=2, starts=0),
         "standard": PhysicsOptions(),
-        "best": PhysicsOptions(iterations=100, tolerance=1e-5, rounds=8, starts=8, poor_chi2=1.4),
+        "best": PhysicsOptions(iterations=100, tolerance=1e-5, rounds=10, starts=8, poor_chi2=1.4),
     }
     if name not in presets:
         raise ValueError(f"physics preset: expected one of {', '.join(presets)}, got {name!r}")
@@ -248,14 +247,24 @@ class _Solver:
         )
 
     def _wrong(self, solved: PlayFit, first: int, last: int) -> bool:
-        """Whether flights between two contacts came out as no ball's, or far off their pixels."""
-        own = slice(first, last)
+        """Whether flights between two contacts came out as no ball's, far off their pixels, or off most of them.
+
+        One that lost most of its pixels as outliers may stand where its neighbours place it well.
+        """
+        own = np.arange(first, last)
         too_far = solved.flight_chi2[own] > self.options.failed_chi2
+        lost = solved.kept[own] < MOST
+        if lost.any():
+            rows = np.isin(solved.fit.plan.picture_flight, own[lost])
+            spread = np.sqrt(np.trace(solved.information.position_cov[rows], axis1=1, axis2=2))
+            too_far = np.append(too_far, last - first == len(solved.kept) or spread.max() > PLACED_M)
         return bool(too_far.any() or solved.implausible()[own].any())
 
 
 LEAST_PIXELS = 4
 """Fewer pictures of the ball in a shot place nothing."""
+PLACED_M = 1.0
+"""A flight whose own pixels were left out stays where its neighbours place it at least this well, m."""
 DECIDED = 4.0
 """Costs that differ by more than this decide between a serve and another hit: odds of 50 to 1."""
 

@@ -12,7 +12,16 @@ from jaxtyping import Bool, Float, Int
 from pgm_data.ball import BallEvents, BallTrack
 from pgm_data.geometry.camera import Camera
 from pgm_data.lift.ball.contact_chain import STRAY_COST, PlaySketch, fit_plays
-from pgm_data.lift.ball.contact_motion import Motion, Sights, motion_along, sights_of, state_rows, velocity_scale
+from pgm_data.lift.ball.contact_motion import (
+    Motion,
+    Sights,
+    inverted,
+    motion_along,
+    sights_of,
+    solved,
+    state_rows,
+    velocity_scale,
+)
 from pgm_data.lift.ball.world import BallWorld
 
 TURNS = 6
@@ -150,7 +159,7 @@ def fit_flights(
         normal[:, np.arange(9), np.arange(9)] += prior**-2
         right = np.einsum("fri,fr->fi", design, target) + np.einsum("fri,fr->fi", at_end, end_wanted)
         right[:, :3] += guess.start / start_std**2
-        found = np.linalg.solve(normal, right[..., None])[..., 0]
+        found = solved(normal, right)
         p, v, w = found[:, :3], found[:, 3:6], found[:, 6:]
         position, velocity = motion.position(p, v, w), motion.velocity(v, w)
         square = np.sum((np.einsum("ftki,fi->ftk", rows, found) - wanted) ** 2, axis=-1)
@@ -158,7 +167,7 @@ def fit_flights(
         width = 16.0 if turn < 1 else (4.0 if turn < 3 else 1.0)
         weight = 1 / (1 + np.exp(np.minimum(0.5 * square / width - STRAY_COST, 50.0)))
     return _fitted(
-        _Solved(
+        _LastTurn(
             motion=motion,
             normal=normal,
             prior=prior,
@@ -178,7 +187,7 @@ def fit_flights(
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Solved:
+class _LastTurn:
     """The last turn of a fit."""
 
     motion: Motion
@@ -194,33 +203,33 @@ class _Solved:
     end_std: np.ndarray
 
 
-def _fitted(solved: _Solved, guess: FlightGuess, count: np.ndarray, strays: np.ndarray) -> FlightFits:
+def _fitted(turn: _LastTurn, guess: FlightGuess, count: np.ndarray, strays: np.ndarray) -> FlightFits:
     """Evidence and end states of the last turn."""
-    cov = np.linalg.inv(solved.normal)
-    inside = -np.logaddexp(np.log1p(-STRAY_SHARE) - 0.5 * solved.square, -STRAY_COST)
+    cov = inverted(turn.normal)
+    inside = -np.logaddexp(np.log1p(-STRAY_SHARE) - 0.5 * turn.square, -STRAY_COST)
     inside = np.where(np.arange(inside.shape[1]) < count[:, None], inside - 1.0, 0.0).sum(axis=1)
     off = np.concatenate(
         [
-            (solved.p - guess.start) / solved.start_std,
-            solved.v / guess.velocity_std,
-            solved.w / guess.spin_std[:, None],
+            (turn.p - guess.start) / turn.start_std,
+            turn.v / guess.velocity_std,
+            turn.w / guess.spin_std[:, None],
         ],
         axis=1,
     )
-    at_end = (solved.position[:, -1] - guess.end) / solved.end_std
-    log_volume = 0.5 * np.linalg.slogdet(solved.normal)[1] + np.log(solved.prior).sum(axis=1)
+    at_end = (turn.position[:, -1] - guess.end) / turn.end_std
+    log_volume = 0.5 * np.linalg.slogdet(turn.normal)[1] + np.log(turn.prior).sum(axis=1)
     cost = inside + 0.5 * np.sum(off**2, axis=1) + 0.5 * np.sum(at_end**2, axis=1) + log_volume
-    first, last = state_rows(solved.motion, 0), state_rows(solved.motion, -1)
+    first, last = state_rows(turn.motion, 0), state_rows(turn.motion, -1)
     return FlightFits(
         cost=np.where(np.isfinite(cost), cost, np.inf),
-        start=np.concatenate([solved.p, solved.v], axis=1),
+        start=np.concatenate([turn.p, turn.v], axis=1),
         start_cov=first @ cov @ np.swapaxes(first, 1, 2),
-        end=np.concatenate([solved.position[:, -1], solved.velocity[:, -1]], axis=1),
+        end=np.concatenate([turn.position[:, -1], turn.velocity[:, -1]], axis=1),
         end_cov=last @ cov @ np.swapaxes(last, 1, 2),
-        start_off=np.concatenate([solved.p - guess.start, solved.v], axis=1),
-        start_prior_std=np.concatenate([solved.start_std, guess.velocity_std], axis=1),
-        spin=solved.w,
-        path=solved.position,
+        start_off=np.concatenate([turn.p - guess.start, turn.v], axis=1),
+        start_prior_std=np.concatenate([turn.start_std, guess.velocity_std], axis=1),
+        spin=turn.w,
+        path=turn.position,
         measured=count,
         inside=inside,
         strays=strays,

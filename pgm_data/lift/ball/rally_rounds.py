@@ -20,6 +20,8 @@ UNDER_M = 0.3
 """A ball lies no further under the ground than this, m: slack for noise just beside a bounce."""
 AFAR_M = 80.0
 """No ball is further than this from the court's centre, along the ground or up, m."""
+HOPELESS = 40.0
+"""Where half of the pixels lie further off than this many standard deviations, further rounds help no more."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,6 +48,8 @@ class PlayFit:
     spin_free: Bool[np.ndarray, " flights"]
     """Whether the data say anything about each flight's spin."""
     drag_free: bool
+    kept: Float[np.ndarray, " flights"]
+    """Share of each flight's measured pictures that took part, the others being outliers; 1 where there are none."""
     penalty: float
     """Half the logarithm of the priors' volumes, where starts have different priors: cost compares with it added."""
 
@@ -126,7 +130,21 @@ def solve_rounds(
             fitted = again
             known = information(fitted, camera=around.camera, world=around.world, doubt=doubt)
     penalty = -0.5 * float(np.log(priors.precision).sum())
-    return PlayFit(fit=fitted, information=known, spin_free=spin_free, drag_free=drag_free, penalty=penalty)
+    return PlayFit(
+        fit=fitted,
+        information=known,
+        spin_free=spin_free,
+        drag_free=drag_free,
+        kept=_kept(frames, fitted.plan),
+        penalty=penalty,
+    )
+
+
+def _kept(whole: RallyFrames, plan: RallyPlan) -> Float[np.ndarray, " flights"]:
+    flights = plan.layout.pattern.flights
+    had = np.bincount(plan.picture_flight, weights=whole.measured[plan.picture], minlength=flights)
+    has = np.bincount(plan.picture_flight, weights=plan.frames.measured[plan.picture], minlength=flights)
+    return np.where(had > 0, has / np.maximum(had, 1), 1.0)
 
 
 def settle(
@@ -140,7 +158,8 @@ def settle(
         moved = misplaced(fitted)
         frames = _trimmed(whole, fitted, options.cut)
         same = bool((frames.precision == fitted.plan.frames.precision).all())
-        if not np.isfinite(fitted.unknowns).all() or (not moved.any() and same):
+        lost = not np.isfinite(fitted.unknowns).all() or np.nanmedian(fitted.misfit) > HOPELESS
+        if lost or (not moved.any() and same):
             break
         guess = Guess(times=_ordered(fitted.times), speed=float(np.linalg.norm(fitted.states[:, 3:], axis=1).max()))
         again = plan_rally(frames, plan.play, around, priors, guess, bend=options.bend)
@@ -255,7 +274,7 @@ def supported(fitted: RallyFit, known: Information, share: float) -> tuple[Bool[
         spin = np.where(law, (known.std(layout.spin) < share * width).any(axis=1), spin)
     else:
         spin = np.zeros_like(spin)
-    drag = float(known.std(np.array(layout.drag))) < share / np.sqrt(data.prior_precision[layout.drag])
+    drag = float(known.std(np.array([layout.drag]))[0]) < share / np.sqrt(data.prior_precision[layout.drag])
     return np.asarray(spin), bool(drag)
 
 

@@ -94,7 +94,7 @@ def events_of(times: np.ndarray, kinds: list[str], time_std: float, ground_px: n
 def _struck(rng: np.random.Generator, kind: str, near: bool, start: np.ndarray | None, world: FlightWorld):
     """Flights and contacts of one shot, from 0 s to the next hit."""
     side = -1.0 if near else 1.0
-    while True:
+    for _ in range(400):
         high = kind == "lob"
         across = float(rng.uniform(-3.6, 3.6))
         if kind == "serve":
@@ -111,12 +111,13 @@ def _struck(rng: np.random.Generator, kind: str, near: bool, start: np.ndarray |
         flights, contacts = follow(begin, launch.velocity, launch.spin, 0.0, world, until=9.0)
         if contacts[0].kind != "bounce" or len(contacts) < 2:
             continue
-        stop = contacts[0].time + (contacts[1].time - contacts[0].time) * rng.uniform(0.4, 0.75)
+        stop = contacts[0].time + (contacts[1].time - contacts[0].time) * rng.uniform(0.3, 0.97)
         kept, before = truncated(flights, contacts, stop)
         end = kept[-1].positions[-1]
         if 0.3 < end[2] < 2.0 and abs(end[1]) < 18 and abs(end[0]) < 8:
             hit = Contact(time=stop, kind="hit", player=-1, position=end)
             return kept, [Contact(time=0.0, kind="hit", player=-1, position=begin), *before, hit]
+    raise AssertionError(f"no {kind} in 400 draws")
 
 
 def course(rng: np.random.Generator, kinds: list[str], *, near: bool = True) -> BallPath:

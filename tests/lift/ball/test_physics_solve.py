@@ -59,7 +59,7 @@ def placed(solution: BallSolution) -> np.ndarray:
 @pytest.mark.parametrize(("kind", "bar"), [("serve", 0.20), ("forehand", 0.15), ("lob", 0.15)])
 def test_marked_shots_are_placed_to_centimetres_and_know_it(kind, bar):
     errors, scaled = [], []
-    for seed in range(6):
+    for seed in range(4):
         case = one(seed, kind, 25.0 if seed % 2 else 50.0)
         solution = solve(case)
         assert set(solution.flights.status) == {"solved"}
@@ -115,14 +115,14 @@ def test_constants_come_with_their_posterior(solved):
 
 
 def test_a_spin_that_no_data_support_is_held_and_not_told():
-    # Three pixels of a short flight in the air say nothing of its spin.
+    # A few coarse pixels of a short flight in the air say nothing of its spin.
     case = one(3)
     keep = np.flatnonzero(case.track.measured)[:5]
     pixels = np.full_like(case.track.pixels, np.nan)
     pixels[keep] = case.track.pixels[keep]
     end = case.track.times[keep[-1]]
     events = events_of(np.array([case.track.times[keep[0]], end]), ["first", "last"], 0.0)
-    solution = solve(replace(case, track=track_of(case.track.times, pixels), events=events))
+    solution = solve(replace(case, track=track_of(case.track.times, pixels, 4.0), events=events))
     assert solution.flights.status == ("solved",)
     assert "spin" not in solution.flights.free[0] and np.isnan(solution.flights.spin).all()
     assert np.allclose(solution.flights.spin_std, WORLD.spin_std, rtol=0.1)
@@ -161,7 +161,7 @@ def test_without_measurements_nothing_is_placed():
         solution = solve(changed)
         assert not placed(solution).any()
         assert set(solution.flights.status) == {"none"} and all(solution.flights.said)
-        assert solution.drag == WORLD.drag_per_m
+        assert solution.drag.mean == WORLD.drag_per_m.mean and solution.drag.std == WORLD.drag_per_m.std
     assert len(solve(replace(case, events=no_events())).flights) == 0
 
 
@@ -235,22 +235,30 @@ def test_a_spoilt_shot_falls_back_and_its_neighbours_stay(rally):
     flights = np.arange(len(alone.flights))
     own = (flights >= 4) & (flights < 6)
     status = np.array(alone.flights.status)
-    assert (status[own] == "none").all() and (status[~own] == "solved").all()
-    assert "failed" in alone.flights.said[4]
-    assert not placed(alone)[bad].any()
+    # The rally before and after it pins the shot, but nobody is told that its own pixels did.
+    assert "fallback" in status[own] and "left out" in " ".join(np.array(alone.flights.said)[own])
+    assert (status[~own] == "solved").all()
+    assert not np.isin("measured", alone.status[bad][3:-3])
     assert rally.error(alone.position) < 0.6
+
+
+def test_a_shot_that_cannot_be_solved_is_left_to_the_line_method():
+    # Off its pixels and with no neighbour to lean on.
+    case = one(9, noise_px=0.5)
+    rng = np.random.default_rng(2)
+    pixels = np.where(
+        np.isfinite(case.track.pixels), rng.uniform([0, 0], [1920, 1080], case.track.pixels.shape), np.nan
+    )
+    noise = replace(case, track=track_of(case.track.times, pixels))
+    alone = solve(noise)
+    assert set(alone.flights.status) == {"none"} and "failed" in alone.flights.said[0]
+    assert not placed(alone).any()
     # With a line solution at hand (here: any other one) the gap is filled and says so.
-    helped = solve(spoilt, start=solve(rally))
-    assert set(np.array(helped.flights.status)[own]) == {"line"}
-    assert placed(helped)[bad].all()
-
-
-def test_nobody_solves_pure_noise():
-    case = one(9)
-    rng = np.random.default_rng(1)
-    pixels = np.where(np.isfinite(case.track.pixels), rng.uniform([0, 0], [1920, 1080], case.track.pixels.shape), np.nan)
-    solution = solve(replace(case, track=track_of(case.track.times, pixels)))
-    assert set(solution.flights.status) == {"none"}
+    other = solve(case)
+    helped = solve(noise, start=other)
+    assert set(helped.flights.status) == {"line"} and "failed" in helped.flights.said[0]
+    assert np.allclose(helped.position[placed(helped)], other.position[placed(helped)])
+    assert placed(helped).sum() > 10
 
 
 def test_an_overhead_serve_is_told_from_a_low_hit():
@@ -275,9 +283,9 @@ def test_players_hands_place_the_hits():
     at = [0, -1]
     off = np.linalg.norm(given.event_position[at] - [path.contacts[0].position, path.contacts[-1].position], axis=1)
     assert off.max() < 1.0
-    assert np.trace(given.event_cov[at], axis1=1, axis2=2).sum() < np.trace(
-        without.event_cov[at], axis1=1, axis2=2
-    ).sum()
+    assert (
+        np.trace(given.event_cov[at], axis1=1, axis2=2).sum() < np.trace(without.event_cov[at], axis1=1, axis2=2).sum()
+    )
 
 
 def synthetic(world: BallWorld, start: np.ndarray, camera_at: np.ndarray, focal: float, kinds: list[str]) -> Seen:
@@ -304,7 +312,9 @@ def synthetic(world: BallWorld, start: np.ndarray, camera_at: np.ndarray, focal:
 
 def test_without_drag_a_parabola_comes_back():
     world = replace(WORLD, drag_per_m=Prior(mean=0.0, std=1e-6), lift_per_m=0.0, spin_std=0.0)
-    case = synthetic(world, np.array([0.0, -8.0, 1.0, 1.0, 12.0, 9.0]), np.array([0.0, -35.0, 9.0]), 1800.0, ["first", "last"])
+    case = synthetic(
+        world, np.array([0.0, -8.0, 1.0, 1.0, 12.0, 9.0]), np.array([0.0, -35.0, 9.0]), 1800.0, ["first", "last"]
+    )
     solution = solve(case, world=world)
     assert case.error(solution.position) < 0.15
     assert solution.drag.mean == pytest.approx(0.0, abs=1e-5)
@@ -367,14 +377,16 @@ def test_a_doubtful_camera_makes_doubtful_balls():
         case.track, case.events, case.camera, world=WORLD, doubt=doubt, players=None, options=STANDARD
     )
     rows = placed(plain)
-    grown = np.trace(doubted.position_cov[rows], axis1=1, axis2=2) / np.trace(plain.position_cov[rows], axis1=1, axis2=2)
+    grown = np.trace(doubted.position_cov[rows], axis1=1, axis2=2) / np.trace(
+        plain.position_cov[rows], axis1=1, axis2=2
+    )
     assert np.median(grown) > 1.02
 
 
 def test_presets_differ_and_a_wrong_one_is_told():
     assert physics_preset("draft").rounds < STANDARD.rounds < physics_preset("best").rounds
     with pytest.raises(ValueError, match="expected one of draft, standard, best, got 'fast'"):
-        physics_preset("fast")  # pyright: ignore[reportArgumentType]
+        physics_preset("fast")
     case = one(1)
     for name in ("draft", "best"):
         assert case.error(solve(case, options=physics_preset(name)).position) < 0.4
