@@ -167,11 +167,15 @@ def drawing_jobs(options: BallTradeOptions) -> list[Job]:
 
 def sweep_jobs(options: BallTradeOptions) -> list[Job]:
     """Jobs of the other settings."""
-    cases = [(kind, 0, options.sweeps) for kind in options.kinds]
-    cases += [("rally", 0, options.sweeps // 4)] if options.sweeps >= 4 else []
-    if not options.some:
-        return []
-    return [_job(options, name, case, cases, options.some, [GIVEN]) for name, case in sweep_settings().items()]
+    shots = [(kind, 0, options.sweeps) for kind in options.kinds]
+    rallies = [("rally", 0, options.sweeps // 4)] if options.sweeps >= 4 else []
+    jobs, base = [], CaseOptions()
+    for name, case in sweep_settings().items():
+        # Rallies have no marks that could be other ones.
+        unmarked = rallies if (case.marks, case.mark_px) == (base.marks, base.mark_px) else []
+        if options.some and shots + unmarked:
+            jobs.append(_job(options, name, case, [*shots, *unmarked], options.some, [GIVEN]))
+    return jobs
 
 
 def _job(

@@ -1,4 +1,4 @@
-"""A small network that finds a ball in the middle one of three frames: where, how surely, and how it is smeared."""
+"""A small network that finds a ball in the middle one of three frames: where, and how surely."""
 
 from dataclasses import dataclass
 from typing import Literal

@@ -8,6 +8,7 @@ import torch
 from jaxtyping import Bool, Float
 
 from pgm_data.detect.ball.network import BallInput, Calibration, aligned, read_peaks
+from pgm_data.detect.ball.streaks import streaks_at
 from pgm_models.detectors.ball_frames import SEEN, UNKNOWN, BallClip
 from pgm_models.detectors.ball_net import BallNet
 
@@ -38,7 +39,7 @@ class Predictions:
     streak_px: Float[np.ndarray, " frames"]
     """The ball's streak."""
     streak_error_px: Float[np.ndarray, "frames most"]
-    """Of the streak, the better of its two signs."""
+    """Of the streak, the better of its two signs; NaN where it was not seen."""
 
 
 @torch.no_grad()
@@ -64,6 +65,7 @@ def _predict(network: BallNet, clip: BallClip, index: int, widest: int) -> dict[
     grey = torch.from_numpy(np.stack([neighbours[0], now.grey, neighbours[-1]])[None])
     answers = network(grey, torch.from_numpy(np.ascontiguousarray(now.colour)[None]))
     peaks = read_peaks(answers[0].numpy(), MOST)
+    ways = streaks_at(grey[0].numpy(), peaks.pixels)
     scale = float(box.scale.mean())
     ball = box.input_from_picture(clip.ball_px[index])
     streak = clip.streak_px[index] * scale
@@ -71,7 +73,7 @@ def _predict(network: BallNet, clip: BallClip, index: int, widest: int) -> dict[
     away = np.hypot(*(peaks.pixels - ball).T)
     state = clip.state[index]
     known = np.isfinite(ball).all()
-    sign = np.minimum(np.hypot(*(peaks.streak_px - streak).T), np.hypot(*(peaks.streak_px + streak).T))
+    sign = np.minimum(np.hypot(*(ways - streak).T), np.hypot(*(ways + streak).T))
     return {
         "logits": peaks.logits,
         "error_px": np.where(np.isfinite(away), away, np.inf),
@@ -104,8 +106,14 @@ def score_frames(said: Predictions) -> dict[str, float]:
         "recall_of_all": float((said.right.any(axis=1) & said.seen).sum() / balls),
         "median_px": float(np.median(said.error_px[found, 0])) if found.any() else float("nan"),
         "p90_px": float(np.quantile(said.error_px[found, 0], 0.9)) if found.any() else float("nan"),
-        "streak_px": float(np.median(said.streak_error_px[found, 0])) if found.any() else float("nan"),
+        "streak_px": _median(said.streak_error_px[found, 0]),
     }
+
+
+def _median(values: Float[np.ndarray, " values"]) -> float:
+    """Of those that are numbers; NaN where none is."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else float("nan")
 
 
 def calibrate(predictions: Sequence[Predictions]) -> Calibration:

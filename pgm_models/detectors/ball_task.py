@@ -11,7 +11,7 @@ from jaxtyping import Float, UInt8
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from pgm_data.detect.ball.network import STRIDE, picture_planes, streak_code
+from pgm_data.detect.ball.network import STRIDE, picture_planes
 from pgm_models.detectors.augment import AugmentOptions, random_look
 from pgm_models.detectors.ball_drawing import draw_ball, draw_distractor
 from pgm_models.detectors.ball_frames import LEAST_TRACE, SEEN, UNKNOWN, BallClip
@@ -50,8 +50,6 @@ class BallTaskOptions:
     """Standard deviation of small movements of the whole picture between frames, in the half of crops that has them."""
     place_weight: float = 0.15
     """Weight of the place beside whether there is a ball."""
-    streak_weight: float = 1.5
-    """Weight of the streak beside whether there is a ball."""
     seed: int = 0
     """Of the order of frames and of all changes to them."""
 
@@ -66,8 +64,6 @@ class Truth:
     """1, and 0 where it is not known whether there is a ball."""
     place: Float[np.ndarray, "2 rows columns"]
     """Of the nearest ball from each cell's centre, cells."""
-    streak: Float[np.ndarray, "2 rows columns"]
-    """Code of the nearest ball's streak, cells."""
 
 
 def truth_of(
@@ -75,7 +71,7 @@ def truth_of(
 ) -> Truth:
     """What the network should say of a crop with these balls (pixel, streak) and unknown ones (and their radius)."""
     rows, columns = np.indices((cells, cells)).astype(float)
-    heat, place, streak = np.zeros((cells, cells)), np.zeros((2, cells, cells)), np.zeros((2, cells, cells))
+    heat, place = np.zeros((cells, cells)), np.zeros((2, cells, cells))
     counted, nearest = np.ones((cells, cells)), np.full((cells, cells), np.inf)
     for pixel, way in balls:
         x, y = (pixel + 0.5) / STRIDE - 0.5
@@ -90,17 +86,16 @@ def truth_of(
         closer = dx * dx + dy * dy < nearest
         nearest = np.where(closer, dx * dx + dy * dy, nearest)
         place = np.where(closer, np.stack([dx, dy]), place)
-        streak = np.where(closer, streak_code(way / STRIDE)[:, None, None], streak)
     for pixel, way, radius in unknown:
         x, y = (pixel + 0.5) / STRIDE - 0.5
         ends = np.stack([rows * 0 + 0.5 * t for t in (-1.0, 0.0, 1.0)])[:, None]
         far = np.hypot(columns - x - ends * way[0] / STRIDE, rows - y - ends * way[1] / STRIDE).min(axis=(0, 1))
         counted[far < (IGNORED_PX + radius) / STRIDE] = 0.0
-    return Truth(heat=heat, counted=counted, place=place, streak=streak)
+    return Truth(heat=heat, counted=counted, place=place)
 
 
 class BallTask(Task):
-    """A ball's place and streak, from clips that may become more while training goes on."""
+    """A ball's place, from clips that may become more while training goes on."""
 
     def __init__(
         self,
@@ -152,7 +147,7 @@ class BallTask(Task):
             tensors={
                 "grey": torch.from_numpy(np.stack(grey)),
                 "colour": torch.from_numpy(np.stack(colour)),
-                **{name: stacked(name) for name in ("heat", "counted", "place", "streak")},
+                **{name: stacked(name) for name in ("heat", "counted", "place")},
             },
             names=tuple(names),
         )
@@ -193,7 +188,7 @@ class BallTask(Task):
         return grey, planes[1].colour, truth_of(balls, unknown, size // STRIDE)
 
     def loss(self, network: nn.Module, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
-        """Whether there is a ball in each cell, where it is and how it is smeared."""
+        """Whether there is a ball in each cell, and where it is."""
         given = batch.tensors
         net = cast(BallNet, network)
         features = net.features(given["grey"], given["colour"])
@@ -205,10 +200,8 @@ class BallTask(Task):
             weight = (given["place"].square().sum(dim=1) < OFFSET_CELLS**2).float() * given["heat"]
             total = weight.sum().clamp(min=1.0)
             place = (weight * place_loss(answers[:, 1:3], answers[:, 3], given["place"])).sum() / total
-            miss = F.smooth_l1_loss(answers[:, 4:6], given["streak"], reduction="none").sum(dim=1)
-            streak = (weight * miss).sum() / total
-            loss = ball + self.options.place_weight * place + self.options.streak_weight * streak
-        return loss, {"ball": ball.detach(), "place": place.detach(), "streak": streak.detach()}
+            loss = ball + self.options.place_weight * place
+        return loss, {"ball": ball.detach(), "place": place.detach()}
 
     def validate(self, network: nn.Module) -> dict[str, float]:
         """Recall, precision and error on whole held-out frames; nothing where no frame is held out."""

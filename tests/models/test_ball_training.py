@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pgm_data.dataset.tables import read_table, write_table
-from pgm_data.detect.ball.network import STRIDE, BallNetwork, Calibration, streak_code
+from pgm_data.detect.ball.network import STRIDE, BallNetwork, Calibration
 from pgm_data.scene import load_scene
 from pgm_data.video import write_video
 from pgm_models.detectors.ball_drawing import draw_ball, draw_distractor, smear
@@ -137,7 +137,6 @@ def test_the_truth_of_a_crop_has_one_cell_a_ball_and_does_not_count_round_unknow
     assert not more
     cell = np.array([column, row])
     np.testing.assert_allclose((cell + truth.place[:, row, column] + 0.5) * STRIDE - 0.5, ball)
-    np.testing.assert_allclose(truth.streak[:, row, column], streak_code(np.array([2.0, -1.0])))
     rows, columns = np.indices((48, 48))
     away = np.hypot((columns + 0.5) * STRIDE - 0.5 - hidden[0], (rows + 0.5) * STRIDE - 0.5 - hidden[1])
     assert not truth.counted[away < 12].any() and truth.counted[away > 20].all()

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from pgm_data.detect.ball.candidates import BallCandidates
+from pgm_data.detect.ball.streaks import streaks_at
 from pgm_data.detect.onnx_file import network_file, open_network
 
 if TYPE_CHECKING:
@@ -25,9 +26,9 @@ STRIDE = 4
 """Input pixels per cell of the answers."""
 MULTIPLE = 16
 """Of which the input's width and height are multiples."""
-CHANNELS = ("ball", "right", "down", "log_sigma", "along", "across")
-"""Of the answers: logit of a ball; its place from the cell's centre and the logarithm of its standard deviation, cells;
-its streak (x, y) as (x^2 - y^2, 2 x y) / length, cells: a way without a sign."""
+CHANNELS = ("ball", "right", "down", "log_sigma")
+"""Of the answers: logit of a ball; its place from the cell's centre and the logarithm of its standard deviation, cells.
+"""
 APART = 2
 """Cells on each side of a candidate in which no weaker one counts."""
 MOVED_PX = 0.2
@@ -157,7 +158,6 @@ class Peaks:
     """Of a ball; NaN where there are fewer peaks than asked for."""
     pixels: Float[np.ndarray, "most 2"]
     sigma_px: Float[np.ndarray, " most"]
-    streak_px: Float[np.ndarray, "most 2"]
 
 
 def read_peaks(answers: Float[np.ndarray, "channels rows columns"], most: int) -> Peaks:
@@ -181,27 +181,12 @@ def read_peaks(answers: Float[np.ndarray, "channels rows columns"], most: int) -
         logits=np.full(most, np.nan),
         pixels=np.full((most, 2), np.nan),
         sigma_px=np.full(most, np.nan),
-        streak_px=np.full((most, 2), np.nan),
     )
     count = len(kept)
     peaks.logits[:count] = said[0]
     peaks.pixels[:count] = (cells + 0.5) * STRIDE - 0.5
     peaks.sigma_px[:count] = STRIDE * np.exp(said[3])
-    peaks.streak_px[:count] = STRIDE * streak_of(said[4:6].T)
     return peaks
-
-
-def streak_of(code: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 2"]:
-    """The streak (x, y), x not negative, of (x^2 - y^2, 2 x y) / length."""
-    length, angle = np.hypot(code[..., 0], code[..., 1]), 0.5 * np.arctan2(code[..., 1], code[..., 0])
-    return np.stack([length * np.cos(angle), length * np.sin(angle)], axis=-1)
-
-
-def streak_code(streak: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 2"]:
-    """(x^2 - y^2, 2 x y) / length of a streak (x, y): the same for both its signs; 0 for none."""
-    x, y = streak[..., 0], streak[..., 1]
-    length = np.maximum(np.hypot(x, y), 1e-12)
-    return np.stack([(x * x - y * y) / length, 2 * x * y / length], axis=-1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -278,7 +263,7 @@ class NetworkFinder:
         self._now_from_before: np.ndarray | None = None
         self._turned: np.ndarray | None = None
         self._now_index = -1
-        self._rows: list[Peaks | None] = []
+        self._rows: list[tuple[Peaks, np.ndarray] | None] = []
 
     def add(
         self,
@@ -322,13 +307,14 @@ class NetworkFinder:
         most, count = self._options.most, len(self._rows)
         pixels, streaks = np.full((count, most, 2), np.nan), np.full((count, most, 2), np.nan)
         sigma, score = np.full((count, most), np.nan), np.full((count, most), np.nan)
-        for row, peaks in enumerate(self._rows):
-            if peaks is None or self._input is None:
+        for row, seen in enumerate(self._rows):
+            if seen is None or self._input is None:
                 continue
+            peaks, streak = seen
             said = self._network.calibration.probability(peaks.logits)
             kept = np.where(said >= self._options.least_score, 1.0, np.nan)
             pixels[row] = self._input.picture_from_input(peaks.pixels) * kept[:, None]
-            streaks[row] = peaks.streak_px / self._input.scale * kept[:, None]
+            streaks[row] = streak / self._input.scale * kept[:, None]
             sigma[row] = self._network.calibration.sigma * peaks.sigma_px / self._input.scale.mean() * kept
             score[row] = said * kept
         return BallCandidates(pixels=pixels, sigma_px=sigma, score=score, streak_px=streaks)
@@ -344,6 +330,7 @@ class NetworkFinder:
             before = now.grey if after is None else after
         if after is None:
             after = before
-        grey = np.stack([before, now.grey, after])[None]
-        answers = self._network.answers(grey, np.ascontiguousarray(now.colour)[None])
-        self._rows[self._now_index] = read_peaks(answers[0], self._options.most)
+        grey = np.stack([before, now.grey, after])
+        answers = self._network.answers(grey[None], np.ascontiguousarray(now.colour)[None])
+        peaks = read_peaks(answers[0], self._options.most)
+        self._rows[self._now_index] = (peaks, streaks_at(grey, peaks.pixels))

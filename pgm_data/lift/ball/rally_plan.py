@@ -22,11 +22,11 @@ WRIST_STD, ROOT_STD = 0.5, 0.9
 """Reach of a racket from the wrist, each axis, and of an arm and racket from the root, each horizontal axis, m."""
 MARK_STD_PX = 3.0
 """How well a person marks the ball's vertical projection, px."""
-BOUNCE_NORMAL, BOUNCE_ALONG, BOUNCE_SPIN = (0.1, 0.04), (0.3, 0.1), 40.0
+BOUNCE_NORMAL, BOUNCE_ALONG, BOUNCE_SPIN = (0.15, 0.05), (0.4, 0.12), 50.0
 """Departures from the bounce law. Normal: m/s, and share of the normal speed: restitution falls by 0.05 to 0.1 from a
 soft steep bounce to a hard one and rises by as much for shallow ones (Cross; ITF CS 01/02). Along: m/s, and share of
 the impulse that friction could give: balls grip, slip back and grip again (Cross 2002). Spin, rad/s: a thick wall's
-inertia is known to a tenth, of impulses that give some 300 rad/s."""
+inertia is known to a sixth, of impulses that give some 300 rad/s."""
 TABLE_SPREAD = 1.0
 """Standard deviation of a bounce over the half extent of what it bounces off."""
 FREE_STD = np.array([10.0, 16.0, 3.0])

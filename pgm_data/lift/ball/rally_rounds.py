@@ -158,7 +158,8 @@ def settle(
         moved = misplaced(fitted)
         frames = _trimmed(whole, fitted, options.cut)
         same = bool((frames.precision == fitted.plan.frames.precision).all())
-        lost = not np.isfinite(fitted.unknowns).all() or np.nanmedian(fitted.misfit) > HOPELESS
+        far = fitted.misfit[np.isfinite(fitted.misfit)]
+        lost = not np.isfinite(fitted.unknowns).all() or bool(len(far) and np.median(far) > HOPELESS)
         if lost or (not moved.any() and same):
             break
         guess = Guess(times=_ordered(fitted.times), speed=float(np.linalg.norm(fitted.states[:, 3:], axis=1).max()))

@@ -18,16 +18,14 @@ from pgm_data.detect.ball.network import (
     aligned,
     picture_planes,
     read_peaks,
-    streak_code,
-    streak_of,
 )
+from pgm_data.detect.ball.streaks import streaks_at
 from pgm_data.scene import load_scene
 from pgm_data.simulate.camera import pixels_of
 from pgm_data.simulate.mix import MixOptions, mix_pictures
 from pgm_models.detectors.ball_drawing import smear
 
 sizes = st.tuples(st.integers(1, 5000), st.integers(1, 3000))
-coordinates = st.floats(-50, 50)
 
 
 class Lookout:
@@ -48,7 +46,6 @@ class Lookout:
                 cells[0] - column,
                 cells[1] - row,
                 np.log(0.25),
-                *streak_code(np.array([1.5, -0.5])),
             ]
         return [answers]
 
@@ -65,15 +62,6 @@ def disc(size: tuple[int, int], centre: np.ndarray, sigma: float) -> np.ndarray:
 def picture(size: tuple[int, int], centre: np.ndarray, sigma: float = 2.0, ground: np.ndarray | None = None):
     ground = np.full((size[1], size[0], 3), 90.0) if ground is None else ground.astype(float)
     return (ground + (230 - ground) * disc(size, centre, sigma)[..., None] + 0.5).astype(np.uint8)
-
-
-@given(coordinates, coordinates)
-def test_a_streak_and_its_opposite_have_one_code_which_gives_it_back(x, y):
-    streak = np.array([x, y])
-    np.testing.assert_allclose(streak_code(streak), streak_code(-streak), atol=1e-9)
-    back = streak_of(streak_code(streak))
-    assert min(np.abs(back - streak).max(), np.abs(back + streak).max()) < 1e-6
-    assert back[0] >= -1e-9
 
 
 @given(sizes, st.integers(64, 2000), st.tuples(st.floats(0, 5000), st.floats(0, 3000)))
@@ -117,12 +105,10 @@ def test_peaks_come_best_first_apart_and_as_many_as_there_are():
     answers[0, 10, 20], answers[0, 11, 21] = 3.0, 2.9  # one ball
     answers[0, 30, 5], answers[0, 0, 59] = 1.0, 4.0
     answers[1:4, 10, 20] = 0.25, -0.5, np.log(0.5)
-    answers[4:, 10, 20] = streak_code(np.array([2.0, 1.0]))
     peaks = read_peaks(answers, 3)
     np.testing.assert_allclose(peaks.logits, [4.0, 3.0, 1.0])
     np.testing.assert_allclose(peaks.pixels[1], (np.array([20.25, 9.5]) + 0.5) * STRIDE - 0.5)
     np.testing.assert_allclose(peaks.sigma_px[1], 2.0)
-    np.testing.assert_allclose(peaks.streak_px[1], [8.0, 4.0])
     np.testing.assert_allclose(peaks.pixels[0], (np.array([59, 0]) + 0.5) * STRIDE - 0.5)
 
 
@@ -149,7 +135,7 @@ def test_the_finder_says_where_a_ball_is_whatever_the_pictures_size(size, widest
     assert found.pixels.shape == (3, 4, 2)
     np.testing.assert_allclose(found.pixels[:, 0], path, atol=0.15 / scale)
     np.testing.assert_allclose(found.sigma_px[:, 0], 0.25 * STRIDE / scale, rtol=0.01)
-    np.testing.assert_allclose(np.abs(found.streak_px[:, 0]), np.array([[6.0, 2.0]] * 3) / scale, rtol=0.01)
+    assert (np.linalg.norm(found.streak_px[:, 0], axis=1) < 2 / scale).all()  # round things went nowhere
     np.testing.assert_allclose(found.score[:, 0], 1 / (1 + np.exp(-5.0)), rtol=1e-6)
     assert np.isnan(found.pixels[:, 1:]).all()
 
@@ -273,6 +259,38 @@ def test_networks_of_another_kind_and_files_cut_off_are_refused(tmp_path):
         BallNetwork.load(path)
 
 
+def smeared(way: np.ndarray, step: np.ndarray, *, line: bool = False) -> np.ndarray:
+    """Brightness of three frames of a disc at (50.3, 40.6) in the middle one."""
+    rng = np.random.default_rng(0)
+    frames = []
+    for k in (-1, 0, 1):
+        cover = cv2.GaussianBlur(smear(np.array([50.3, 40.6]) + k * step, way, 2.5, (90, 100)), (0, 0), 0.7)
+        ground = np.full((90, 100), 90.0)
+        if line:
+            ground[39:43] = 220
+        frames.append(np.clip(ground + 110 * cover + rng.normal(0, 1, cover.shape) + 0.5, 0, 255).astype(np.uint8))
+    return np.stack(frames)
+
+
+@pytest.mark.parametrize("length", [5.0, 9.0, 16.0, 26.0])
+@pytest.mark.parametrize("angle", [0.0, 0.7, 1.57, 2.5])
+def test_a_smeared_discs_way_is_measured(length, angle):
+    way = length * np.array([np.cos(angle), np.sin(angle)])
+    (found,) = streaks_at(smeared(way, way / 0.4), np.array([[50.0, 41.0]]))
+    assert min(np.linalg.norm(found - way), np.linalg.norm(found + way)) < 0.1 * length + 1.0
+    assert found[0] >= 0
+
+
+def test_no_way_is_made_up_where_it_cannot_be_measured():
+    way, place = np.array([6.0, 2.0]), np.array([[50.0, 41.0]])
+    assert np.isnan(streaks_at(smeared(way, way * 0.2), place)).all()  # the ball hardly moved between frames
+    assert np.isnan(streaks_at(smeared(way, way * 3, line=True), place)).all()  # it lies on a line
+    assert np.isnan(streaks_at(smeared(way * 12, way * 20), place)).all()  # longer than what is looked at
+    assert np.isnan(streaks_at(smeared(way, way * 3), np.array([[20.0, 15.0], [np.nan, np.nan], [-9.0, 300.0]]))).all()
+    round_one = streaks_at(smeared(np.zeros(2), np.array([12.0, 3.0])), place)
+    assert np.linalg.norm(round_one) < 2.0
+
+
 @pytest.fixture(scope="module")
 def shipped():
     return BallNetwork.load(threads=1)
@@ -311,11 +329,11 @@ def test_the_shipped_network_finds_a_ball_that_flies_over_a_simulated_court(ship
         errors.append(np.linalg.norm(found.pixels[:, 0] - pixels, axis=1))
         scores.append(found.score[:, 0])
         way, said = streak[1], found.streak_px[1, 0]
-        streaks.append(min(np.linalg.norm(said - way), np.linalg.norm(said + way)))
+        streaks.append(min(np.linalg.norm(said - way), np.linalg.norm(said + way)))  # may be NaN: not seen
     assert len(errors) >= 2
     assert np.max(errors) < 2.0
     assert np.min(scores) > 0.3
-    assert np.median(streaks) < 2.5
+    assert np.isfinite(streaks).any() and np.nanmax(streaks) < 2.5
 
 
 def test_the_shipped_network_sees_nothing_in_a_still_grey_picture(shipped):
