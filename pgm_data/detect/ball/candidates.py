@@ -1,7 +1,7 @@
 """Where the ball may be in each frame: what detectors find and linking chooses from."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -32,6 +32,7 @@ class BallCandidates:
                 raise ValueError(f"ball candidates: {name}: expected {expected}, got {getattr(self, name).shape}")
 
 
+@runtime_checkable
 class CandidateFinder(Protocol):
     """Looks for the ball in pictures that come one by one; keeps no more of them than it needs."""
 

@@ -38,7 +38,7 @@ def streaks_at(
 def _streak(frames: np.ndarray, pixel: np.ndarray) -> np.ndarray:
     nothing = np.full(2, np.nan)
     height, width = frames.shape[1:]
-    column, row = np.round(pixel).astype(int)
+    column, row = (int(v) for v in np.round(pixel))
     top, left = max(row - REACH, 0), max(column - REACH, 0)
     piece = frames[:, top : row + REACH + 1, left : column + REACH + 1].astype(np.float32)
     place = (row - top, column - left)
@@ -47,10 +47,9 @@ def _streak(frames: np.ndarray, pixel: np.ndarray) -> np.ndarray:
     before, now, after = piece
     passing = np.minimum(now - before, now - after)
     around = now - np.median(now)
-    ways = [_way(rise, place) for rise in (passing, around)]
-    if ways[0] is None or ways[1] is None:
+    one, two = _way(passing, place), _way(around, place)
+    if one is None or two is None:
         return nothing
-    one, two = ways
     if one @ two < 0:
         two = -two
     way = 0.5 * (one + two)
