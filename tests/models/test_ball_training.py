@@ -87,7 +87,7 @@ def toy_clip(tmp_path):
 @given(
     st.tuples(st.floats(20, 60), st.floats(20, 40)),
     st.tuples(st.floats(-25, 25), st.floats(-25, 25)),
-    st.floats(0.8, 6),
+    st.floats(1.5, 6),
 )
 def test_a_smeared_disc_keeps_its_area_its_centre_and_its_way(centre, streak, radius):
     centre, streak = np.array(centre), np.array(streak)

@@ -7,7 +7,7 @@ from pgm_data.geometry.camera import Camera, project
 from pgm_data.scene import Prior
 
 LEAST_STREAKS = 8
-LEAST_STREAK_PX = 2.0
+LEAST_STREAK_PX = 3.0
 """Shorter streaks say more about the detector than about the shutter."""
 STEP_S = 1e-3
 
