@@ -142,8 +142,10 @@ def _ball_compared(simulated: Path, work: Path) -> str:
     placed = both[(both["ball.status"] != "none") & (both["ball.status true"] != "none")]
     if not len(placed):
         return table_text(("ball against the truth", ""), [("frames with the ball in metres", 0)])
-    position, true = (np.stack(placed[name].to_list()) for name in ("ball.position", "ball.position true"))
-    cov = np.stack(placed["ball.position_cov"].to_list())
+    position, true, cov = (
+        np.stack([np.asarray(value) for value in placed[name]])
+        for name in ("ball.position", "ball.position true", "ball.position_cov")
+    )
     error = np.linalg.norm(position - true, axis=1)
     stated = np.sqrt(cov[:, [0, 3, 5]].sum(axis=1))
     shots, true_shots = tables(work, "ball_shots"), tables(simulated / "work", "ball_shots")

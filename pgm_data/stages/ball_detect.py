@@ -68,10 +68,10 @@ def made_finders(options: DetectOptions, *, fps: float) -> list[CandidateFinder]
     """
     finders: list[CandidateFinder] = []
     if options.detector in ("network", "both"):
-        from pgm_data.detect.ball.network import BallNetwork, BallNetworkOptions, NetworkFinder
+        from pgm_data.detect.ball.network import BallNetwork, NetworkFinder
 
         network = BallNetwork.load(Path(options.network) if options.network else None, threads=options.threads)
-        finders.append(NetworkFinder(network, BallNetworkOptions(threads=options.threads)))
+        finders.append(NetworkFinder(network))
     if options.detector in ("motion", "both"):
         from pgm_data.detect.ball.motion import MotionFinder
 

@@ -2,10 +2,11 @@
 
 import json
 import warnings
+from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import asdict
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import torch
 from torch import nn
@@ -17,6 +18,9 @@ from pgm_data.detect.court_network import INPUT_SIZE
 from pgm_models.checkpoint import Checkpoint
 from pgm_models.detectors.ball_net import BALL_PRESETS, BallNet
 from pgm_models.detectors.heatmap_net import PRESETS, ConvNorm, HeatmapNet, Residual, Up
+
+if TYPE_CHECKING:
+    import onnx
 
 Network = TypeVar("Network", bound=nn.Module)
 
@@ -93,9 +97,6 @@ def write_onnx(
     With `any_size` the last two axes of inputs and outputs may be of any length: for networks in which nothing
     depends on it.
     """
-    import onnx
-
-    path.parent.mkdir(parents=True, exist_ok=True)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FutureWarning)  # the exporter warns of its own internals
         program = torch.onnx.export(
@@ -109,7 +110,17 @@ def write_onnx(
     if program is None:
         raise RuntimeError(f"{path}: expected an ONNX program from torch.onnx.export, got none")
     model = program.model_proto
-    # Where each node came from in the source takes more room than half the weights, and holds local paths.
+    strip_sources(model)
+    if any_size:
+        del model.graph.value_info[:]  # lengths of what lies between
+        for value in (*model.graph.input, *model.graph.output):
+            for axis in (2, 3):
+                value.type.tensor_type.shape.dim[axis].dim_param = f"{value.name}_{axis}"
+    write_model(model, path, metadata)
+
+
+def strip_sources(model: "onnx.ModelProto") -> None:
+    """Take out where each node came from in the source: more room than half the weights, and local paths."""
     for node in model.graph.node:
         del node.metadata_props[:]
         node.doc_string = ""
@@ -118,13 +129,15 @@ def write_onnx(
         value.doc_string = ""
     del model.graph.metadata_props[:]
     del model.metadata_props[:]
-    if any_size:
-        del model.graph.value_info[:]  # lengths of what lies between
-        for value in (*model.graph.input, *model.graph.output):
-            for axis in (2, 3):
-                value.type.tensor_type.shape.dim[axis].dim_param = f"{value.name}_{axis}"
+
+
+def write_model(model: "onnx.ModelProto", path: Path, metadata: Mapping[str, object]) -> None:
+    """Write a checked model whole or not at all, its metadata as JSON."""
+    import onnx
+
     for key, value in metadata.items():
         model.metadata_props.add(key=key, value=json.dumps(value))
     onnx.checker.check_model(model)
+    path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as temporary:
         temporary.write_bytes(model.SerializeToString())

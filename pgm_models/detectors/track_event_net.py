@@ -1,15 +1,14 @@
 """The network that tells contacts from a ball's track, and its one ONNX file."""
 
-import json
 import warnings
 from pathlib import Path
 
 import torch
 from torch import Tensor, nn
 
-from pgm_data.dataset.files import whole_file
 from pgm_data.detect.ball.track_features import FEATURES, STEP_S
 from pgm_data.detect.ball.track_network import CLASSES
+from pgm_models.detectors.export import strip_sources, write_model
 
 WIDTH = 32
 DILATIONS = (1, 2, 4, 8, 16, 24, 8, 2)
@@ -48,8 +47,6 @@ class TrackEventNet(nn.Module):
 
 def export_track_events(network: TrackEventNet, path: Path, *, about: dict[str, object]) -> None:
     """Write the network as one ONNX file that takes any number of steps; `about`, JSON values, is its metadata."""
-    import onnx
-
     steps = torch.export.Dim("steps", min=2, max=1 << 20)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FutureWarning)  # the exporter warns of its own internals
@@ -64,19 +61,5 @@ def export_track_events(network: TrackEventNet, path: Path, *, about: dict[str, 
         )
     if program is None:
         raise RuntimeError(f"{path}: expected an ONNX program from torch.onnx.export, got none")
-    model = program.model_proto
-    # Where each node came from in the source takes room, and holds local paths.
-    for node in model.graph.node:
-        del node.metadata_props[:]
-        node.doc_string = ""
-    for value in (*model.graph.input, *model.graph.output, *model.graph.value_info, *model.graph.initializer):
-        del value.metadata_props[:]
-        value.doc_string = ""
-    del model.graph.metadata_props[:]
-    del model.metadata_props[:]
-    for key, value in {"classes": list(CLASSES), "step_s": STEP_S, "about": about}.items():
-        model.metadata_props.add(key=key, value=json.dumps(value))
-    onnx.checker.check_model(model)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(path) as temporary:
-        temporary.write_bytes(model.SerializeToString())
+    strip_sources(program.model_proto)
+    write_model(program.model_proto, path, {"classes": list(CLASSES), "step_s": STEP_S, "about": about})

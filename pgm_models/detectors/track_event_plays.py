@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 from pgm_data.dataset.tables import read_table
 from pgm_data.detect.ball.track_network import CLASSES
 from pgm_data.geometry.arrays import frozen
+from pgm_models.detectors.clip_pictures import NoFrames
 
 HIT, BOUNCE, DEAD_BOUNCE, NET, TOSS = (CLASSES.index(n) for n in ("hit", "bounce", "dead_bounce", "net", "toss"))
 CLASS_OF = {"hit": HIT, "bounce": BOUNCE, "net": NET, "first": TOSS}
@@ -46,7 +47,7 @@ def find_plays(dataset: Path) -> tuple[TruePlay, ...]:
     folders = sorted(path.parent for path in dataset.rglob("events.parquet"))
     plays = tuple(play for folder in folders if (play := read_play(folder)) is not None)
     if not plays:
-        raise ValueError(f"{dataset}: expected clip folders with the truth of a play, got none")
+        raise NoFrames(f"{dataset}: expected clip folders with the truth of a play, got none")
     return plays
 
 

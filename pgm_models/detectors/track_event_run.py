@@ -7,8 +7,7 @@ from pathlib import Path
 import torch
 
 from pgm_data.detect.ball.track_network import NETWORK_FILE
-from pgm_models.checkpoint import CHECKPOINT_NAME, load_checkpoint
-from pgm_models.detectors.court_run import provenance
+from pgm_models.checkpoint import CHECKPOINT_NAME, load_checkpoint, provenance
 from pgm_models.detectors.track_event_net import TrackEventNet, export_track_events
 from pgm_models.detectors.track_event_plays import find_plays
 from pgm_models.detectors.track_event_task import TrackEventTask, TrackEventTaskOptions

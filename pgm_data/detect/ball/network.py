@@ -45,8 +45,6 @@ class BallNetworkOptions:
     """Candidates a frame."""
     least_score: float = 0.01
     """Candidates under this probability are left out."""
-    threads: int = 2
-    """CPU threads."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
