@@ -47,7 +47,8 @@ class BallCommand:
     """Name of a scene that ships with pgm, or the path of a scene file; that of the clips, else tennis."""
     events: str = ""
     """A person's events, which override what is detected: EVENTS.csv (frame,kind,x,y), or an export of CVAT or Label
-    Studio; for a work folder of several clips a folder of files named after them."""
+    Studio; for a work folder of several clips a folder of files named after them. Of a kind that is marked none is
+    looked for besides: mark all of a clip's hits, or none; with hits and bounces marked nothing is detected."""
     serve_speeds: str = ""
     """CSV of measured serve speeds (clip,frame,speed_kmh), from which the drag constant is estimated."""
     overwrite: bool = False
@@ -96,7 +97,7 @@ def main(argv: list[str]) -> int:
         _refuse(command, TRACK_ONLY, "a track, and this is a folder")
         return _work(command, line)
     if not command.source.is_file():
-        raise option_error("SOURCE", expected="a work folder or a TRACK.csv", got=f"{command.source}, which is neither")
+        raise option_error("PATH", expected="a work folder or a TRACK.csv", got=f"{command.source}, which is neither")
     _refuse(command, WORK_ONLY, "a work folder, and this is a file")
     from .ball3d_track import place_track
 
@@ -128,7 +129,9 @@ def _work(command: BallCommand, line: str) -> int:
     except ValueError as error:
         raise UsageError(str(error)) from error
     if not tasks:
-        print_error(f"no clip in {work}: expected a work folder that pgm-calibrate wrote")
+        is_work = (work / "run.json").is_file()
+        why = "no court was found in its videos" if is_work else "expected a work folder that pgm-calibrate wrote"
+        print_error(f"no clip in {work}: {why}")
         return NOTHING_USABLE
     there = [task.clip_id for task in tasks if has_ball(work, task.clip_id)]
     if there and not (command.resume or command.overwrite):
@@ -157,8 +160,11 @@ def _options(command: BallCommand, tasks: "Sequence[ClipTask]") -> "BallOptions"
     from pgm_data.stages.ball_clips import BallOptions
 
     scene = command.scene
+    documents = [command.source / task.clip_id / "clip.json" for task in tasks if task.video is not None]
+    named = {read_document(path, "clip")["scene"] for path in documents}
     if not scene:
-        named = {read_document(command.source / task.clip_id / "clip.json", "clip")["scene"] for task in tasks}
+        if not named:
+            named = {"tennis"}  # of no consequence: no clip can be placed
         if len(named) > 1:
             raise option_error("--scene", expected="one scene for all clips", got=f"{', '.join(sorted(named))}")
         scene = named.pop()
@@ -168,6 +174,11 @@ def _options(command: BallCommand, tasks: "Sequence[ClipTask]") -> "BallOptions"
         raise UsageError(str(error)) from error
     if loaded.ball is None or loaded.court is None:
         raise option_error("--scene", expected="a scene with a ball and a court", got=loaded.name)
+    for name in named - {scene}:
+        # The cameras are in metres of the court that they were found by.
+        other = _court_size(name)
+        if other is not None and other != loaded.court.surface_half_size:
+            raise option_error("--scene", expected=f"the court that the cameras were found by, {name}", got=scene)
     drag = _serve_drag(command)
     return BallOptions(
         scene=scene,
@@ -179,6 +190,17 @@ def _options(command: BallCommand, tasks: "Sequence[ClipTask]") -> "BallOptions"
         drag_std=drag.std if drag is not None else 0.0,
         overlay=command.overlay,
     )
+
+
+def _court_size(scene: str) -> tuple[float, float] | None:
+    """Half size of the scene's court; None where the scene is not at hand."""
+    from pgm_data.scene import load_scene
+
+    try:
+        court = load_scene(scene).court
+    except ValueError:
+        return None
+    return court.surface_half_size if court is not None else None
 
 
 def _serve_drag(command: BallCommand) -> "Prior | None":

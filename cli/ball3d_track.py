@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 from .ball3d import NOTHING_USABLE, BallCommand
 from .console import UsageError, option_error, print_error, table_text
 from .output import prepare_output
-from .simulate import picture_size
 
 if TYPE_CHECKING:
     from pgm_data.scene import Scene
@@ -80,11 +79,21 @@ def _job(command: BallCommand) -> "TrackJob":
         scene=_scene(command.scene or "tennis"),
         events=Path(command.events) if command.events else None,
         fps=command.fps or None,
-        size=picture_size(command.size, (1, 1)) if command.size else None,
+        size=_size(command.size),
         sigma_px=command.sigma,
         method=command.method,
         quality=command.quality,
     )
+
+
+def _size(text: str) -> tuple[int, int] | None:
+    """(width, height) of a text such as 512x288; None for an empty one."""
+    if not text:
+        return None
+    words = text.lower().split("x")
+    if len(words) != 2 or not all(word.isdecimal() and 0 < int(word) <= 100_000 for word in words):
+        raise option_error("--size", expected="WIDTHxHEIGHT such as 512x288", got=repr(text))
+    return int(words[0]), int(words[1])
 
 
 def _scene(name: str) -> "Scene":

@@ -119,9 +119,14 @@ def ball_of_clips(
         ValueError: If the scene has no ball, or a clip's camera cannot be read.
     """
     scene = load_scene(options.scene)
-    clips = [read_clip_camera(work / clip_id) for clip_id in clip_ids]
-    total = sum(len(clip.video_frame) for clip in clips)
     outcomes: list[ClipOutcome] = []
+    clips: list[ClipCamera] = []
+    for clip_id in clip_ids:
+        try:
+            clips.append(read_clip_camera(work / clip_id))
+        except ValueError as error:
+            outcomes.append(ClipOutcome(clip_id=clip_id, state="failed", reason=str(error)))
+    total = sum(len(clip.video_frame) for clip in clips)
     started = time.monotonic()
     for clip, track, size in detect_clips(
         video,
@@ -185,7 +190,8 @@ def outcome_of(clip_id: str, lifted: LiftedBall, *, detect_s: float, lift_s: flo
     residual = solution.flights.residual_px[np.isfinite(solution.flights.residual_px)]
     placed = int((solution.status != "none").sum())
     detected = int(np.isfinite(track.pixels[:, 0]).sum())
-    reason = "" if placed else solution.said or ("no ball in any frame" if not detected else "not placed in any frame")
+    nothing = (solution.said or "not placed in any frame") if detected else "no ball in any frame"
+    reason = _short_of(solution.flights.status) if placed else nothing
     return ClipOutcome(
         clip_id=clip_id,
         state="ok" if placed else "no ball",
@@ -200,6 +206,13 @@ def outcome_of(clip_id: str, lifted: LiftedBall, *, detect_s: float, lift_s: flo
         detect_s=detect_s,
         lift_s=lift_s,
     )
+
+
+def _short_of(status: tuple[str, ...]) -> str:
+    """What flights lack of being solved as asked for; empty where they all are."""
+    words = {"none": "not placed", "line": "by the line method", "fallback": "smoothed from their neighbours"}
+    short = [f"{status.count(name)} {said}" for name, said in words.items() if name in status]
+    return f"of {len(status)} flights {', '.join(short)}" if short else ""
 
 
 def camera_doubt(clip: ClipCamera, document: dict[str, Any]) -> CameraDoubt:

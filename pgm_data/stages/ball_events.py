@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pgm_data.ball import BallEvents, BallTrack, no_events
-from pgm_data.ball_marks import merge_events
+from pgm_data.ball_marks import CONTACTS, merge_events
 from pgm_data.geometry.camera import Camera
 from pgm_data.lift.ball.line_solve import LineOptions, solve_line
 from pgm_data.lift.ball.solution import BallSolution, CameraDoubt, PlayersAt, no_doubt
@@ -18,6 +18,8 @@ from pgm_data.lift.ball.world import BallWorld
 
 SAME_FRAMES = 2.0
 """Frames within which a detected contact and a marked one are the same."""
+LONGEST_FLIGHT_S = 4.0
+"""Between contacts of one play, s: that of a high lob."""
 UNEXPLAINED = 4.5
 """Cost of a measured frame that lies in no flight, or far from its own: that of three standard deviations, nats."""
 SURPRISES = {
@@ -85,10 +87,33 @@ def picture_readings(track: BallTrack, around: Surroundings, world: BallWorld) -
         events = find_events(track, size=around.size, options=TrackEventOptions(least_live=least_live))
         if not world.bounces:
             events = events.take(np.flatnonzero(events.kinds != "bounce"))
-        merged = merge_events(events, around.marks, within_s=SAME_FRAMES * frame_s(track), complete_kinds=True)
+        merged = within_play(
+            merge_events(events, around.marks, within_s=SAME_FRAMES * frame_s(track), complete_kinds=True)
+        )
         if not any(len(merged) == len(one) and (merged.times == one.times).all() for one in found):
             found.append(merged)
     return found
+
+
+def within_play(events: BallEvents) -> BallEvents:
+    """The events without detected bounds of a play inside of it: a person's contact lies right beyond them.
+
+    The ball is first seen after a hit where it was missed or out of the picture; the play began with the hit all the
+    same.
+    """
+    if len(events) < 2:
+        return events
+    detected = events.sources != "human"
+    marked = np.isin(events.kinds, CONTACTS) & ~detected
+    gap = np.diff(events.times)
+    late = marked[:-1] & detected[1:] & (events.kinds[1:] == "first") & (gap <= LONGEST_FLIGHT_S)
+    early = detected[:-1] & marked[1:] & (events.kinds[:-1] == "last") & (gap <= LONGEST_FLIGHT_S)
+    # A contact between two plays is of the one that is nearer.
+    both = early[:-1] & late[1:]
+    nearer = gap[:-1] <= gap[1:]
+    late[1:] &= ~(both & nearer)
+    early[:-1] &= ~(both & ~nearer)
+    return events.take(np.flatnonzero(~(np.append(False, late) | np.append(early, False))))
 
 
 def flight_reading(track: BallTrack, hints: BallEvents, around: Surroundings, world: BallWorld) -> BallEvents:
@@ -97,7 +122,7 @@ def flight_reading(track: BallTrack, hints: BallEvents, around: Surroundings, wo
 
     placed = place_events(track, hints, around.camera, world=world, players=around.players, options=ContactOptions())
     stray = np.isin(placed.kinds, list(set(around.marks.kinds))) & (placed.sources != "human")
-    return placed.take(np.flatnonzero(~stray))
+    return within_play(placed.take(np.flatnonzero(~stray)))
 
 
 def frame_s(track: BallTrack) -> float:

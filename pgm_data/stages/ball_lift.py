@@ -13,6 +13,7 @@ from pgm_data.lift.ball.solution import BallSolution
 from pgm_data.lift.ball.world import ball_world
 from pgm_data.scene import Prior, Scene
 from pgm_data.stages.ball_events import Surroundings, read_events
+from pgm_data.stages.ball_withheld import without_absurd
 
 Method = Literal["line", "physics"]
 Quality = Literal["draft", "standard", "best"]
@@ -63,6 +64,7 @@ def lift_ball(
             track, solution.events, around.camera, world=world, doubt=around.doubt, players=around.players,
             options=physics_preset(quality), start=solution,
         )  # fmt: skip
+    solution = without_absurd(solution, track.times, world)
     return judged(track, with_players(solution, scene), scene)
 
 

@@ -92,19 +92,19 @@ def plan_clips(
             continue
         key = (document["source_path"], document["sha256"])
         if key not in checked:
-            checked[key] = _video(work, document, videos, clip_id)
+            checked[key] = _video(work, document, videos)
         video, trouble = checked[key]
         own = (marks or {}).get(clip_id)
         tasks.append(ClipTask(clip_id=clip_id, video=video, marks=own, trouble=trouble))
     return tuple(tasks)
 
 
-def _video(work: Path, document: dict[str, Any], videos: Path | None, clip_id: str) -> tuple[Path | None, str]:
+def _video(work: Path, document: dict[str, Any], videos: Path | None) -> tuple[Path | None, str]:
     """A clip's video, or why there is none."""
     try:
         return source_video(work, document, videos), ""
     except FieldError as error:
-        return None, f"{error.at(clip_id)}; --videos says where videos are"
+        return None, str(error) + ("; --videos says where videos are" if error.field == "source_path" else "")
 
 
 def marks_by_clip(path: Path, work: Path) -> dict[str, Path]:

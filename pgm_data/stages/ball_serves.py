@@ -9,7 +9,9 @@ from pgm_data.convert.serve_speeds_csv import ServeSpeeds, read_serve_speeds
 from pgm_data.dataset.clip_ball import ClipBall, read_clip_ball
 from pgm_data.dataset.clip_camera import ClipCamera, read_clip_camera
 from pgm_data.dataset.documents import read_document
+from pgm_data.lift.ball.landing import SERVE_HEIGHT, serves
 from pgm_data.lift.ball.serve_drag import Serves, drag_from_serves
+from pgm_data.lift.ball.world import ball_world
 from pgm_data.scene import Prior, load_scene
 from pgm_data.stages.ball_run import clip_ids, has_ball
 
@@ -61,21 +63,23 @@ def drag_of_serves(work: Path, speeds: Path, scene: str = "") -> FoundDrag:
     if not clips:
         raise ValueError(f"--serve-speeds: expected clips in {work} whose ball has been placed, got none; run without")
     named = scene or read_document(work / next(iter(clips)) / "clip.json", "clip")["scene"]
-    ball = load_scene(named).ball
+    loaded = load_scene(named)
+    ball = loaded.ball
     if ball is None:
         raise ValueError(f"--scene: expected a scene with a ball, got {named}")
+    serve_z = ball_world(loaded).floor_z + SERVE_HEIGHT * loaded.person_height_m
     values, said = [], []
     for row in range(len(rows.speed)):
         own = [clip for name, clip in clips.items() if _names(rows.clip[row], name, clip.video)]
         if rows.clip[row] and not own:
             raise ValueError(f"{speeds}: clip: expected one of {', '.join(clips)}, got {rows.clip[row]!r}")
-        found = [value for clip in own if (value := _serve(rows, row, clip)) is not None]
+        found = [value for clip in own if (value := _serve(rows, row, clip, serve_z)) is not None]
         if len(found) > 1:
             raise ValueError(f"{speeds}: row {row + 1}: clip: expected the clip's name, as several have such a serve")
         if found:
             values.append(found[0])
         else:
-            said.append(f"row {row + 1}: no hit that a bounce follows within {NEAR_S:g} s of it")
+            said.append(f"row {row + 1}: no serve that a bounce follows within {NEAR_S:g} s of it")
     columns = np.array(values, dtype=float).reshape(-1, 8).T
     names = ("length_m", "length_std_m", "time_s", "time_std_s", "speed", "speed_std", "share", "share_std")
     answer = drag_from_serves(Serves(**dict(zip(names, columns, strict=True))), ball.drag_per_m)
@@ -98,8 +102,8 @@ def _names(given: str, clip_id: str, video: str) -> bool:
     return given in ("", clip_id, video, path.name, path.stem)
 
 
-def _serve(rows: ServeSpeeds, row: int, clip: _Clip) -> tuple[float, ...] | None:
-    """The row's serve as a row of `Serves`; None where the clip has none there."""
+def _serve(rows: ServeSpeeds, row: int, clip: _Clip, serve_z: float) -> tuple[float, ...] | None:
+    """The row's serve, a hit above `serve_z`, as a row of `Serves`; None where the clip has none there."""
     ball, camera = clip.ball, clip.camera
     if np.isfinite(rows.time[row]):
         index = int(np.abs(camera.timestamp - rows.time[row]).argmin())
@@ -108,7 +112,8 @@ def _serve(rows: ServeSpeeds, row: int, clip: _Clip) -> tuple[float, ...] | None
         if abs(camera.video_frame[index] - rows.frame[row]) > 0.5 and len(camera.video_frame) > 1:
             return None
     events, shots = ball.events, ball.shots
-    flies = (events.kind[shots.start_event] == "hit") & (events.kind[shots.end_event] == "bounce")
+    served = serves(events.kind, events.time, events.position, serve_z=serve_z)
+    flies = served[shots.start_event] & (events.kind[shots.end_event] == "bounce")
     starts = np.where(flies, np.abs(events.time[shots.start_event] - camera.capture_time[index]), np.inf)
     if not len(starts) or starts.min() > NEAR_S:
         return None

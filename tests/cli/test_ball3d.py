@@ -166,3 +166,9 @@ def test_a_clip_without_its_video_fails_alone_and_says_which(work, tmp_path, cap
     folder = work / "work"
     assert run(["ball3d", str(folder), "--overwrite", "--videos", str(tmp_path)]) == 4
     assert "--videos" in capsys.readouterr().err
+
+
+def test_a_scene_of_another_court_than_the_cameras_is_refused(work, capsys):
+    argv = ["ball3d", str(work / "work"), "--videos", str(work / "videos"), "--overwrite", "--scene", "tabletennis"]
+    assert run(argv) == 2
+    assert "--scene" in capsys.readouterr().err

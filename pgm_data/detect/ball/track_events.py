@@ -99,7 +99,7 @@ def find_events(
         return no_events()
     network = network or TrackEventNetwork.load(options.network)
     parts = [_read_part(times[p], pixels[p], size, network) for p in stretches(times, APART_S)]
-    ends = (float(track.times[0]), float(track.times[-1]))
+    ends = (float(times[0]), float(times[-1]))
     hills = {kind: _joined([part[kind] for part in parts], ends, options) for kind in KINDS}
     dead = _dead(hills, options)
     contacts = _in_order({"hit": hills["hit"], "bounce": hills["bounce"].take(~dead), "net": hills["net"]})

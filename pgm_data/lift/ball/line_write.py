@@ -5,6 +5,7 @@ import numpy as np
 from pgm_data.ball import BallEvents, BallTrack
 from pgm_data.lift.ball.line_adjust import Adjusted
 from pgm_data.lift.ball.line_keyframes import TOGETHER_S
+from pgm_data.lift.ball.line_path import FASTEST
 from pgm_data.lift.ball.line_place import PlacedPlay
 from pgm_data.lift.ball.solution import BallSolution, Flights, FlightStatus
 from pgm_data.scene import Prior
@@ -17,7 +18,7 @@ class Writing:
 
     def __init__(self, track: BallTrack, events: BallEvents, drag: Prior) -> None:
         frames, count = len(track.times), len(events)
-        self.events, self.drag = events, drag
+        self.events, self.drag, self.times = events, drag, track.times
         self.position, self.velocity = np.full((frames, 3), np.nan), np.full((frames, 3), np.nan)
         self.position_cov = np.full((frames, 3, 3), np.nan)
         self.status = np.full(frames, "none", dtype=object)
@@ -39,6 +40,11 @@ class Writing:
             for one, two in zip(contacts[:-1], contacts[1:], strict=True):
                 self.nothing(int(one), int(two), "what it leaves open has no bounds")
             return
+        flights = len(contacts) - 1
+        speed = np.linalg.norm(placed.start_velocity, axis=1)
+        flown = speed < FASTEST
+        own = np.searchsorted(solved.unknowns.times, self.times[rows], side="right") - 1
+        fine &= flown[np.clip(own, 0, flights - 1)]
         status = np.full(len(rows), "filled", dtype=object)
         status[placed.seen] = "measured"
         self.position[rows[fine]] = placed.position[fine]
@@ -46,10 +52,14 @@ class Writing:
         self.position_cov[rows[fine]] = placed.position_cov[fine]
         self.status[rows[fine]] = status[fine]
         self.event_times[contacts] = solved.unknowns.times
-        self.event_position[contacts] = solved.unknowns.places
-        self.event_cov[contacts] = placed.contact_cov
+        held = np.append(flown, False) | np.append(False, flown)
+        self.event_position[contacts[held]] = solved.unknowns.places[held]
+        self.event_cov[contacts[held]] = placed.contact_cov[held]
         self.cost += solved.cost
-        for f in range(len(contacts) - 1):
+        for f in range(flights):
+            if not flown[f]:
+                self.nothing(int(contacts[f]), int(contacts[f + 1]), f"no ball flies at {speed[f]:.0f} m/s")
+                continue
             flight = _Flight(int(contacts[f]), int(contacts[f + 1]), "solved", "by the line method")
             flight.velocity, flight.velocity_cov = placed.start_velocity[f], placed.start_velocity_cov[f]
             if np.isfinite(placed.landing_cov[f]).all():

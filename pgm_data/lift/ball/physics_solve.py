@@ -187,7 +187,8 @@ class _Solver:
             return Piece(play=play, solved=None, said="nothing measured")
         if self._wrong(best, 0, len(play) - 1):
             chi2 = float(best.flight_chi2.max())
-            why = "implausible" if best.implausible().any() else f"reduced chi-squared {chi2:.0f}"
+            far = f"reduced chi-squared {chi2:.0f}" if best.fit.converged else "no end of its fit"
+            why = "implausible" if best.implausible().any() else far
             return Piece(play=play, solved=None, said=f"physics failed: {why}; {best.fit.said}")
         return Piece(play=play, solved=best, said=best.fit.said)
 
@@ -249,8 +250,11 @@ class _Solver:
     def _wrong(self, solved: PlayFit, first: int, last: int) -> bool:
         """Whether flights between two contacts came out as no ball's, far off their pixels, or off most of them.
 
-        One that lost most of its pixels as outliers may stand where its neighbours place it well.
+        One that lost most of its pixels as outliers may stand where its neighbours place it well. A fit that stopped
+        on its way may be as good as at rest; one that agrees with its pixels poorly as well is no solution.
         """
+        if not solved.fit.converged and solved.flight_chi2.max() > self.options.poor_chi2:
+            return True
         own = np.arange(first, last)
         too_far = solved.flight_chi2[own] > self.options.failed_chi2
         lost = solved.kept[own] < MOST

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pgm_data.geometry.camera import Camera, project
+from pgm_data.geometry.camera import Camera, meet_plane, project
 from pgm_data.lift.ball.flight_model import air_law, steps_for
 from pgm_data.lift.ball.rally_layout import RallyLayout, RallyPattern
 from pgm_data.lift.ball.rally_plays import Play, RallyFrames
@@ -18,6 +18,8 @@ NODE_S = 0.02
 """Nodes lie at most about this far apart, s, where there are frames."""
 SERVE_HEIGHT = (1.55, 0.12)
 """Height of the ball at an overhead serve over a person's height: mean and standard deviation."""
+SERVE_Y_STD = 0.4
+"""Of a serve's contact about the baseline along the court, over a person's height: toes behind it, ball before it."""
 WRIST_STD, ROOT_STD = 0.5, 0.9
 """Reach of a racket from the wrist, each axis, and of an arm and racket from the root, each horizontal axis, m."""
 MARK_STD_PX = 3.0
@@ -100,10 +102,23 @@ def contact_priors(frames: RallyFrames, play: Play, around: Surroundings, *, ser
             if serve and k == play.serve:
                 mean[k, 2] = world.floor_z + SERVE_HEIGHT[0] * person
                 std[k, 2] = SERVE_HEIGHT[1] * person
+                end = _end_of(frames, play, around, k, height=float(mean[k, 2]))
+                if np.isfinite(end * world.serve_y):
+                    mean[k, 1], std[k, 1] = end * world.serve_y, SERVE_Y_STD * person
             place, spread = _player(frames, play, around, k)
             known = np.isfinite(place)
             mean[k, known], std[k, known] = place[known], spread[known]
     return ContactPriors(mean=mean, precision=1 / std**2)
+
+
+def _end_of(frames: RallyFrames, play: Play, around: Surroundings, k: int, *, height: float) -> float:
+    """Which half a contact at that height is in by the nearest frame with a pixel: -1 near, 1 far; NaN unknown."""
+    seen = np.flatnonzero(frames.measured)
+    if not len(seen):
+        return float("nan")
+    frame = seen[np.abs(frames.times[seen] - play.times[k]).argmin()]
+    place = meet_plane(around.camera[int(frames.index[frame])], frames.pixels[frame][None], height)[0]
+    return float(np.sign(place[1]))
 
 
 def _player(frames: RallyFrames, play: Play, around: Surroundings, k: int) -> tuple[np.ndarray, np.ndarray]:

@@ -41,6 +41,9 @@ class BallWorld:
     """World z of the ball at a hit."""
     reach_half_size: tuple[float, float]
     """Half extent along x and y of where players hit."""
+    serve_y: float
+    """How far from the net a ball in play may land at most, along y: serves are struck near there. NaN where the court
+    does not say."""
     net_xz: Float[np.ndarray, "corners 2"]
     """Top edge of the net over y = 0, x and z, left to right; empty without a net."""
 
@@ -83,5 +86,6 @@ def ball_world(scene: Scene) -> BallWorld:
         floor_z=floor,
         hit_height=Prior(mean=floor + HIT_HEIGHT.mean * height, std=HIT_HEIGHT.std * height),
         reach_half_size=(float(reach[0]), float(reach[1])),
+        serve_y=float(court.in_play[:, 1, 1].max()) if len(court.in_play) else float("nan"),
         net_xz=net[:, [0, 2]].reshape(-1, 2),
     )

@@ -75,9 +75,9 @@ def test_an_unmarked_rally_is_placed_whole(rally, solved):
     assert set(solved.flights.status) == {"solved"}
     assert rally.error(solved.position) < 0.35
     assert rally.track.measured[np.asarray(solved.status == "measured", dtype=bool)].all()
-    # Each frame between first and last contact has a ball; none has one outside.
+    # Each frame between first and last contact, as solved, has a ball; none has one outside.
     times = rally.track.times
-    inside = (times >= rally.events.times[0]) & (times <= rally.events.times[-1])
+    inside = (times >= solved.events.times[0]) & (times <= solved.events.times[-1])
     assert (placed(solved) == inside).all()
 
 
