@@ -61,21 +61,23 @@ def solved_by_line(track: BallTrack, events: BallEvents, around: Surroundings, w
     )
 
 
-def read_events(track: BallTrack, around: Surroundings, world: BallWorld) -> BallSolution:
-    """The reading of the track that holds best, as the line method places it.
+def read_events(track: BallTrack, around: Surroundings, world: BallWorld) -> tuple[BallEvents, BallSolution]:
+    """The reading of the track that holds best, its times as they were read, and how the line method places it.
 
     A person's list is complete for the kinds it holds: with hits and bounces in it nothing is looked for.
     """
     marked = set(around.marks.kinds)
     if {"hit", "bounce"} <= marked or ("hit" in marked and not world.bounces):
-        return solved_by_line(track, around.marks, around, world)
+        return around.marks, solved_by_line(track, around.marks, around, world)
     readings = picture_readings(track, around, world)
     solutions = [solved_by_line(track, events, around, world) for events in readings]
     costs = [unexplained(track, solution) for solution in solutions]
     if min(costs) > ENOUGH * max(int(track.measured.sum()), 1):
-        solutions.append(solved_by_line(track, flight_reading(track, readings[-1], around, world), around, world))
+        readings.append(flight_reading(track, readings[-1], around, world))
+        solutions.append(solved_by_line(track, readings[-1], around, world))
         costs.append(unexplained(track, solutions[-1]))
-    return solutions[int(np.argmin(costs))]
+    best = int(np.argmin(costs))
+    return readings[best], solutions[best]
 
 
 def picture_readings(track: BallTrack, around: Surroundings, world: BallWorld) -> list[BallEvents]:

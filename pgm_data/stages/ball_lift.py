@@ -56,12 +56,12 @@ def lift_ball(
     world = ball_world(scene)
     if drag is not None:
         world = replace(world, drag_per_m=drag)
-    solution = read_events(track, around, world)
+    events, solution = read_events(track, around, world)
     if method == "physics":
         from pgm_data.lift.ball.physics_solve import physics_preset, solve_physics
 
         solution = solve_physics(
-            track, solution.events, around.camera, world=world, doubt=around.doubt, players=around.players,
+            track, events, around.camera, world=world, doubt=around.doubt, players=around.players,
             options=physics_preset(quality), start=solution,
         )  # fmt: skip
     solution = without_absurd(solution, track.times, world)
