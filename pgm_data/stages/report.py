@@ -236,7 +236,7 @@ def _facts(clip: ClipFigures) -> str:
         ("Reprojection", f"median {_median_px(clip)} px, 95 % {_percentile_px(clip)} px"),
         ("Jitter", f"{number(summary.get('jitter_px'), 2)} px"),
         ("Repeated frames", f"{int(clip.track.is_duplicate.sum())} of {_frames(clip)}"),
-        ("Exposure", f"{clip.document['shutter_s']} s" if clip.document.get("shutter_s") else DASH),
+        ("Exposure", f"{1000 * clip.document['shutter_s']:.1f} ms" if clip.document.get("shutter_s") else DASH),
     ]
     return "<dl>" + "".join(f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>" for name, value in facts) + "</dl>"
 
