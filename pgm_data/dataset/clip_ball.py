@@ -78,7 +78,7 @@ class ClipBall:
 def nearest_frames(
     times: Float[np.ndarray, " times"], capture_times: Float[np.ndarray, " frames"]
 ) -> Int[np.ndarray, " times"]:
-    """The frame taken nearest to each time; of a frame and its repeats, the first."""
+    """The frame taken nearest to each time; of a frame and its repeats, the first; of two as near, the earlier."""
     after = np.searchsorted(capture_times, times).clip(0, len(capture_times) - 1)
     before = np.maximum(after - 1, 0)
     earlier = np.abs(times - capture_times[before]) <= np.abs(times - capture_times[after])

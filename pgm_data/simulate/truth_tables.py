@@ -11,14 +11,13 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
+from pgm_data.dataset.clip_ball import SHOWN_FIRST, nearest_frames
 from pgm_data.dataset.tables import Values, write_table
 from pgm_data.scene import Scene
 from pgm_data.simulate.camera import CameraTrack, distorted
 from pgm_data.simulate.rotations import to_axis_angle
 from pgm_data.simulate.states import BallEvent, BallFlight, BallStates, Caption, PlayerStates, ShotStates
 
-SHOWN_FIRST = ("hit", "bounce", "net", "first", "last")
-"""Which event a frame shows where it is nearest to several."""
 NOTHING = "none"
 
 Columns = dict[str, Values]
@@ -166,16 +165,6 @@ def ball_columns(truth: BallStates, track: CameraTrack, size: tuple[int, int]) -
         "ball.position_cov": np.repeat(zero[:, None], 6, axis=1),
         "ball.status": np.where(there, "measured", NOTHING).tolist(),
     }
-
-
-def nearest_frames(
-    times: Float[np.ndarray, " times"], capture_times: Float[np.ndarray, " frames"]
-) -> Int[np.ndarray, " times"]:
-    """The frame taken nearest to each time; of a frame and its repeats, the first; of two as near, the earlier."""
-    after = np.searchsorted(capture_times, times).clip(0, len(capture_times) - 1)
-    before = np.maximum(after - 1, 0)
-    earlier = np.abs(times - capture_times[before]) <= np.abs(times - capture_times[after])
-    return np.searchsorted(capture_times, capture_times[np.where(earlier, before, after)])
 
 
 def shown_events(events: Sequence[BallEvent], nearest: Int[np.ndarray, " events"], frames: int) -> list[str]:

@@ -83,10 +83,13 @@ def read_events(track: BallTrack, around: Surroundings, world: BallWorld) -> tup
 def picture_readings(track: BallTrack, around: Surroundings, world: BallWorld) -> list[BallEvents]:
     """What may have happened by the picture alone: in play, and with the bounces after it; marks rule each."""
     from pgm_data.detect.ball.track_events import TrackEventOptions, find_events
+    from pgm_data.detect.ball.track_network import TrackEventNetwork
 
+    network = TrackEventNetwork.load(TrackEventOptions().network)
     found: list[BallEvents] = []
     for least_live in (TrackEventOptions().least_live, 0.0):
-        events = find_events(track, size=around.size, options=TrackEventOptions(least_live=least_live))
+        options = TrackEventOptions(least_live=least_live)
+        events = find_events(track, size=around.size, options=options, network=network)
         if not world.bounces:
             events = events.take(np.flatnonzero(events.kinds != "bounce"))
         merged = within_play(

@@ -14,6 +14,7 @@ from pgm_data.simulate.flight.air import Air, ball_build
 from pgm_data.simulate.flight.contact import SURFACES
 from pgm_data.simulate.flight.course import FlightWorld, follow, truncated
 from pgm_data.simulate.flight.path import BallPath, Contact, Flight
+from tests.lift.ball.line_worlds import events_of, track_of
 
 SCENE = load_scene("tennis")
 WORLD = ball_world(SCENE)
@@ -64,31 +65,6 @@ def broadcast(rng: np.random.Generator, frames: int) -> Camera:
     field = np.clip(2 * math.atan(rng.uniform(7.5, 9) / (back - 11.9)), math.radians(21), math.radians(47))
     centre = np.array([0.0, -back, rng.uniform(8, 12.5)])
     return looking(centre, np.array([0.0, -1.0, 0.0]), 960 / math.tan(field / 2), frames, lens=(0.05, 0.0, 0.0, 0.0))
-
-
-def track_of(times: np.ndarray, pixels: np.ndarray, sigma_px: float = 1.0) -> BallTrack:
-    known = np.where(np.isfinite(pixels).all(axis=1), 1.0, np.nan)
-    return BallTrack(
-        times=times,
-        is_duplicate=np.zeros(len(times), dtype=bool),
-        pixels=pixels,
-        sigma_px=known * sigma_px,
-        score=known,
-        streak_px=np.full((len(times), 2), np.nan),
-    )
-
-
-def events_of(times: np.ndarray, kinds: list[str], time_std: float, ground_px: np.ndarray | None = None) -> BallEvents:
-    count = len(kinds)
-    return BallEvents(
-        times=np.asarray(times, dtype=float),
-        kinds=np.array(kinds, dtype=object),
-        probability=np.ones(count),
-        time_std=np.full(count, time_std),
-        sources=np.array(["human"] * count, dtype=object),
-        players=np.array([""] * count, dtype=object),
-        ground_px=np.full((count, 2), np.nan) if ground_px is None else ground_px,
-    )
 
 
 def _struck(rng: np.random.Generator, kind: str, near: bool, start: np.ndarray | None, world: FlightWorld):

@@ -38,7 +38,7 @@ def track_of(times: np.ndarray, pixels: np.ndarray, sigma_px: float = 1.0) -> Ba
 def events_of(times: np.ndarray, kinds: list[str], time_std: float, ground_px: np.ndarray | None = None) -> BallEvents:
     count = len(kinds)
     return BallEvents(
-        times=times,
+        times=np.asarray(times, dtype=float),
         kinds=np.array(kinds, dtype=object),
         probability=np.ones(count),
         time_std=np.full(count, time_std),

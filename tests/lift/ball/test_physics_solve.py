@@ -10,7 +10,8 @@ from pgm_data.lift.ball.physics_solve import PhysicsOptions, physics_preset, sol
 from pgm_data.lift.ball.solution import BallSolution, CameraDoubt, PlayersAt, no_doubt
 from pgm_data.lift.ball.world import BallWorld, ball_world
 from pgm_data.scene import Prior, load_scene
-from tests.lift.ball.flown_worlds import WORLD, Seen, course, events_of, looking, seen, track_of
+from tests.lift.ball.flown_worlds import WORLD, Seen, course, looking, seen
+from tests.lift.ball.line_worlds import events_of, track_of
 
 STANDARD = physics_preset("standard")
 
