@@ -1,5 +1,6 @@
 """Joints, parents and rest pose of the skeletons that scenes name."""
 
+import math
 from dataclasses import dataclass
 from importlib.resources import files
 from importlib.resources.abc import Traversable
@@ -8,7 +9,7 @@ import numpy as np
 import yaml
 from jaxtyping import Float, Int
 
-from pgm_data.fields import FieldError, fields, numbers, sequence, word
+from pgm_data.fields import FieldError, fields, names_of, numbers, sequence, word
 from pgm_data.geometry.arrays import frozen
 
 
@@ -30,17 +31,45 @@ class Skeleton:
 
     The root's is its height.
     """
+    limits: Float[np.ndarray, "joints 2 3"]
+    """Lowest and highest x, y, z of each joint's axis-angle vector (parent_from_joint) in a healthy body, radians.
+
+    -inf and inf where nothing limits it; the root's always.
+    """
+    point_names: tuple[str, ...]
+    """Points of the body that detectors name; the keypoint set is some of them."""
+    point_joints: Int[np.ndarray, " points"]
+    """The joint that each point hangs on."""
+    point_offsets: Float[np.ndarray, "points 3"]
+    """Where it is in that joint's frame, metres at the size of the rest pose."""
+    soles: tuple[tuple[str, ...], tuple[str, ...]]
+    """Points of the left and of the right sole, which touch the ground in the rest pose."""
     keypoint_names: tuple[str, ...]
-    """The 2D keypoint set that detectors of this skeleton give."""
+    """The 2D keypoint set of the tables."""
 
     def __post_init__(self) -> None:
         """Keep read-only copies and check the values."""
         object.__setattr__(self, "parents", frozen(self.parents, np.int64))
-        object.__setattr__(self, "rest_translations", frozen(self.rest_translations))
+        object.__setattr__(self, "point_joints", frozen(self.point_joints, np.int64))
+        for name in ("rest_translations", "limits", "point_offsets"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
         if self.parents[0] != -1 or not np.all(self.parents[1:] < np.arange(1, len(self.parents))):
             raise ValueError(f"{self.name}.parents: expected -1 first and parents before children, got {self.parents}")
         if not len(self.joint_names) == len(self.parents) == len(self.rest_translations):
             raise ValueError(f"{self.name}: expected as many names, parents and rest translations as joints")
+        if not np.all(self.limits[:, 0] < self.limits[:, 1]):
+            raise ValueError(f"{self.name}.limits: expected lower ones below upper ones, got others")
+        named = {"keypoints": self.keypoint_names, "soles": sum(self.soles, ())}
+        for where, names in named.items():
+            stray = [name for name in names if name not in self.point_names]
+            if stray:
+                expected = ", ".join(self.point_names)
+                raise ValueError(f"{self.name}.{where}: expected points among {expected}, got {stray[0]!r}")
+
+    @property
+    def keypoints(self) -> Int[np.ndarray, " keypoints"]:
+        """Places of the keypoint set among the points."""
+        return np.array([self.point_names.index(name) for name in self.keypoint_names], dtype=np.int64)
 
 
 def load_skeleton(name: str) -> Skeleton:
@@ -74,9 +103,9 @@ def skeleton_from_fields(raw: object) -> Skeleton:
     Raises:
         FieldError: If a field is not what it must be.
     """
-    top = fields(raw, "", required=("name", "joints", "keypoints"))
+    top = fields(raw, "", required=("name", "joints", "points", "soles", "keypoints"))
     joints = {
-        name: fields(joint, f"joints.{name}", required=("parent", "rest_m"))
+        name: fields(joint, f"joints.{name}", required=("parent", "rest_m"), optional=("limits_deg",))
         for name, joint in fields(top["joints"], "joints").items()
     }
     names = tuple(joints)
@@ -90,10 +119,36 @@ def skeleton_from_fields(raw: object) -> Skeleton:
     if not names:
         raise FieldError("joints: expected at least one joint, got none")
     rest = [numbers(joint["rest_m"], f"joints.{name}.rest_m", 3) for name, joint in joints.items()]
+    points = {
+        name: fields(point, f"points.{name}", required=("joint", "at_m"))
+        for name, point in fields(top["points"], "points").items()
+    }
+    hung = [word(point["joint"], f"points.{name}.joint", names) for name, point in points.items()]
+    offsets = [numbers(point["at_m"], f"points.{name}.at_m", 3) for name, point in points.items()]
+    soles = fields(top["soles"], "soles", required=("left", "right"))
     return Skeleton(
         name=word(top["name"], "name"),
         joint_names=names,
         parents=np.array(parents, dtype=np.int64),
         rest_translations=np.array(rest, dtype=float),
-        keypoint_names=tuple(word(k, "keypoints") for k in sequence(top["keypoints"], "keypoints")),
+        limits=np.array([_limits(joint, f"joints.{name}.limits_deg") for name, joint in joints.items()]),
+        point_names=tuple(points),
+        point_joints=np.array([names.index(joint) for joint in hung], dtype=np.int64),
+        point_offsets=np.array(offsets, dtype=float).reshape(-1, 3),
+        soles=(_among(soles["left"], "soles.left", points), _among(soles["right"], "soles.right", points)),
+        keypoint_names=_among(top["keypoints"], "keypoints", points),
     )
+
+
+def _among(raw: object, place: str, points: dict) -> tuple[str, ...]:
+    return tuple(names_of(raw, place, tuple(points)))
+
+
+def _limits(joint: dict, place: str) -> list[list[float]]:
+    """Lower and upper bounds of a joint's axis-angle vector, radians."""
+    if "limits_deg" not in joint:
+        return [[-math.inf] * 3, [math.inf] * 3]
+    rows = sequence(joint["limits_deg"], place)
+    if len(rows) != 2:
+        raise FieldError(f"{place}: expected a lower and an upper corner, got {rows}")
+    return [[math.radians(value) for value in numbers(row, place, 3)] for row in rows]

@@ -294,22 +294,31 @@ def test_skeletons_stand_on_the_ground_and_are_as_tall_as_a_person(name):
             assert position[joint, 0] > 0
 
 
+BARE = {
+    "name": "bad",
+    "limits": np.tile(np.array([[-np.inf] * 3, [np.inf] * 3]), (2, 1, 1)),
+    "point_names": ("a",),
+    "point_joints": np.array([0]),
+    "point_offsets": np.zeros((1, 3)),
+    "soles": (("a",), ("a",)),
+    "keypoint_names": ("a",),
+}
+
+
 def test_a_skeleton_whose_child_comes_before_its_parent_is_refused():
     with pytest.raises(ValueError, match="parents before children"):
         Skeleton(
-            name="bad",
             joint_names=("a", "b"),
             parents=np.array([-1, 1]),
             rest_translations=np.zeros((2, 3)),
-            keypoint_names=("a",),
+            **BARE,
         )
     with pytest.raises(ValueError, match="as many names"):
         Skeleton(
-            name="bad",
             joint_names=("a",),
             parents=np.array([-1, 0]),
             rest_translations=np.zeros((2, 3)),
-            keypoint_names=("a",),
+            **BARE,
         )
 
 

@@ -170,11 +170,35 @@ SKELETON = record(
                     "parent": nullable(text("its parent; null of the root")),
                     "rest_m": numbers("position in the parent's frame in the rest pose, m", 3),
                 },
+                {
+                    "limits_deg": array(
+                        "lowest and highest x, y, z of the axis-angle vector of parent_from_joint, degrees",
+                        numbers("x, y, z in degrees", 3),
+                        2,
+                    ),
+                },
             ),
             POINT_NAME,
             1,
         ),
-        "keypoints": array("2D keypoints that its detectors give", {"type": "string"}, least=1) | {"uniqueItems": True},
+        "points": mapping(
+            "points of the body that detectors name",
+            record(
+                "one point",
+                {
+                    "joint": text("the joint that it hangs on"),
+                    "at_m": numbers("position in the joint's frame, m at the size of the rest pose", 3),
+                },
+            ),
+            POINT_NAME,
+            1,
+        ),
+        "soles": record(
+            "points of the soles, which touch the ground in the rest pose",
+            {side: array(f"points of the {side} one", {"type": "string"}, least=1) for side in ("left", "right")},
+        ),
+        "keypoints": array("points that are the 2D keypoint set of the tables", {"type": "string"}, least=1)
+        | {"uniqueItems": True},
     },
 )
 

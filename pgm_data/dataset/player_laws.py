@@ -29,8 +29,9 @@ def players_faults(columns: Columns, context: Context) -> Iterator[Fault]:
         prefix = f"{player.name}."
         own = {name: values for name, values in columns.items() if name.startswith(prefix)}
         if f"{prefix}status" in own:
-            # Who plays and how the person is built are known even where the person is not seen.
-            kept = {f"{prefix}{name}" for name in ("identity", "status", "betas")}
+            # Who plays, how the person is built and what the picture shows are known without a place in the world too.
+            flat = ("identity", "status", "betas", "box_px", "keypoints_px", "keypoint_score")
+            kept = {f"{prefix}{name}" for name in flat}
             names = [name for name in own if name not in kept]
             yield from missing_faults(own, names, own[f"{prefix}status"], f"{prefix}status")
         if f"{prefix}box_px" in own:

@@ -630,7 +630,10 @@ def test_scene_and_skeleton_files_are_told_apart_and_checked(tmp_path):
     scene.write_text(scene_text("tennis").replace("near_service_T, far_service_T", "near_service_T, nowhere"))
     only(check_paths([scene]), scene, "court.lines.centre_service_line.ends")
     skeleton = tmp_path / "bones.yaml"
-    skeleton.write_text("name: bones\njoints:\n  a: {parent: b, rest_m: [0, 0, 0]}\nkeypoints: [a]\n")
+    skeleton.write_text(
+        "name: bones\njoints:\n  a: {parent: b, rest_m: [0, 0, 0]}\npoints:\n  a: {joint: a, at_m: [0, 0, 0]}\n"
+        "soles: {left: [a], right: [a]}\nkeypoints: [a]\n"
+    )
     only(check_paths([skeleton]), skeleton, "joints.a.parent")
 
 

@@ -1,0 +1,1 @@
+"""The scene's players in the picture: found, told apart, followed."""

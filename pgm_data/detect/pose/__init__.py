@@ -1,0 +1,1 @@
+"""Points of a body in the picture of one person."""

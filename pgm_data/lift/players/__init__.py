@@ -1,0 +1,1 @@
+"""Skeletons on the court from points in the picture."""
