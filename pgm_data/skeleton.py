@@ -11,6 +11,7 @@ from jaxtyping import Float, Int
 
 from pgm_data.fields import FieldError, fields, names_of, numbers, sequence, word
 from pgm_data.geometry.arrays import frozen
+from pgm_data.geometry.rigid import rotation_from_rotvec
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -70,6 +71,36 @@ class Skeleton:
     def keypoints(self) -> Int[np.ndarray, " keypoints"]:
         """Places of the keypoint set among the points."""
         return np.array([self.point_names.index(name) for name in self.keypoint_names], dtype=np.int64)
+
+
+def world_from_joints(
+    parents: Int[np.ndarray, " joints"],
+    rotations: Float[np.ndarray, "frames joints 3"],
+    translations: Float[np.ndarray, "frames joints 3"],
+) -> tuple[Float[np.ndarray, "frames joints 3 3"], Float[np.ndarray, "frames joints 3"]]:
+    """World rotations and positions of joints, by forward kinematics; NaN of NaN.
+
+    Args:
+        parents: Index of each joint's parent, -1 of the root, parents before children.
+        rotations: Axis-angle of parent_from_joint, radians; entry 0 is the root in the world.
+        translations: Of parent_from_joint, metres; entry 0 is the root in the world.
+    """
+    R = rotation_from_rotvec(rotations)
+    joints = np.array(translations, dtype=np.float64)
+    for joint, parent in enumerate(parents):
+        if parent >= 0:
+            joints[:, joint] = joints[:, parent] + (R[:, parent] @ translations[:, joint, :, None])[..., 0]
+            R[:, joint] = R[:, parent] @ R[:, joint]
+    return R, joints
+
+
+def world_joints(
+    parents: Int[np.ndarray, " joints"],
+    rotations: Float[np.ndarray, "frames joints 3"],
+    translations: Float[np.ndarray, "frames joints 3"],
+) -> Float[np.ndarray, "frames joints 3"]:
+    """World positions of joints, by forward kinematics; arguments as of `world_from_joints`."""
+    return world_from_joints(parents, rotations, translations)[1]
 
 
 def load_skeleton(name: str) -> Skeleton:

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 
 import numpy as np
-from jaxtyping import Float, Int
 
 from pgm_data.dataset.documents import Fault
 from pgm_data.dataset.laws import (
@@ -14,8 +13,8 @@ from pgm_data.dataset.laws import (
     rows_fault,
     share_faults,
 )
-from pgm_data.geometry.rigid import rotation_from_rotvec
 from pgm_data.scene import SceneObject
+from pgm_data.skeleton import world_joints
 
 SAME_M = 1e-3
 """Metres by which two columns may differ that say the same; float32 at 20 m keeps 2e-6."""
@@ -77,24 +76,3 @@ def _skeleton_faults(own: Columns, player: SceneObject) -> Iterator[Fault]:
 
     expected = f"joints within {SAME_M:g} m of where the rotations and translations lead"
     yield from rows_fault(names[0], apart > SAME_M, expected, shown)
-
-
-def world_joints(
-    parents: Int[np.ndarray, " joints"],
-    rotations: Float[np.ndarray, "frames joints 3"],
-    translations: Float[np.ndarray, "frames joints 3"],
-) -> Float[np.ndarray, "frames joints 3"]:
-    """World positions of joints, by forward kinematics; NaN of NaN.
-
-    Args:
-        parents: Index of each joint's parent, -1 of the root, parents before children.
-        rotations: Axis-angle of parent_from_joint, radians; entry 0 is the root in the world.
-        translations: Of parent_from_joint, metres; entry 0 is the root in the world.
-    """
-    R = rotation_from_rotvec(rotations)
-    joints = translations.copy()
-    for joint, parent in enumerate(parents):
-        if parent >= 0:
-            joints[:, joint] = joints[:, parent] + (R[:, parent] @ translations[:, joint, :, None])[..., 0]
-            R[:, joint] = R[:, parent] @ R[:, joint]
-    return joints

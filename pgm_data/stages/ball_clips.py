@@ -15,7 +15,8 @@ from pgm_data.dataset.clip_camera import ClipCamera, read_clip_camera
 from pgm_data.dataset.documents import read_document, write_document
 from pgm_data.dataset.tables import read_table
 from pgm_data.lift.ball.shutter import pixel_velocity, shutter_from_streaks
-from pgm_data.lift.ball.solution import CameraDoubt, PlayersAt
+from pgm_data.lift.ball.solution import PlayersAt
+from pgm_data.lift.camera_doubt import CameraDoubt
 from pgm_data.scene import Prior, Scene, load_scene
 from pgm_data.stages.ball_detect import DetectOptions, Detector, detect_clips
 from pgm_data.stages.ball_events import Surroundings

@@ -13,8 +13,9 @@ from pgm_data.ball import BallEvents, BallTrack, no_events
 from pgm_data.ball_marks import CONTACTS, merge_events
 from pgm_data.geometry.camera import Camera
 from pgm_data.lift.ball.line_solve import LineOptions, solve_line
-from pgm_data.lift.ball.solution import BallSolution, CameraDoubt, PlayersAt, no_doubt
+from pgm_data.lift.ball.solution import BallSolution, PlayersAt
 from pgm_data.lift.ball.world import BallWorld
+from pgm_data.lift.camera_doubt import CameraDoubt, no_doubt
 
 SAME_FRAMES = 2.0
 """Frames within which a detected contact and a marked one are the same."""

@@ -13,7 +13,7 @@ from pgm_data.convert.track_camera import TrackCamera, read_track_camera
 from pgm_data.convert.track_csv import read_track_csv
 from pgm_data.dataset.clip_ball import ClipBall
 from pgm_data.dataset.documents import read_document
-from pgm_data.lift.ball.solution import CameraDoubt
+from pgm_data.lift.camera_doubt import CameraDoubt
 from pgm_data.scene import Prior, Scene
 from pgm_data.stages.ball_clips import ClipOutcome, outcome_of
 from pgm_data.stages.ball_events import Surroundings

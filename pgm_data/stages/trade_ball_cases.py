@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 
 from pgm_data.ball import BallEvents, BallTrack
 from pgm_data.geometry.camera import Camera
-from pgm_data.lift.ball.solution import CameraDoubt, no_doubt
+from pgm_data.lift.camera_doubt import CameraDoubt, no_doubt
 from pgm_data.scene import Scene
 from pgm_data.simulate.camera import pixels_of
 from pgm_data.simulate.views import Pose, focal_for_span, framed_pose, points_in_picture, track_of

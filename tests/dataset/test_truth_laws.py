@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from pgm_data.dataset.check import check_paths
 from pgm_data.dataset.clip_laws import speed_faults
-from pgm_data.dataset.player_laws import world_joints
 from pgm_data.dataset.tables import read_table, write_table
 from pgm_data.scene import load_scene
+from pgm_data.skeleton import world_joints
 from tests.simulate.store_worlds import write_truth_clip
 
 TENNIS = load_scene("tennis")

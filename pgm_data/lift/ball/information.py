@@ -15,8 +15,8 @@ from pgm_data.geometry.rigid import rotation_from_rotvec
 from pgm_data.lift.ball.flight_model import air_law, flow_function
 from pgm_data.lift.ball.rally_fit import RallyFit
 from pgm_data.lift.ball.rally_plan import HELD_M, HELD_S
-from pgm_data.lift.ball.solution import CameraDoubt
 from pgm_data.lift.ball.world import BallWorld
+from pgm_data.lift.camera_doubt import CameraDoubt
 
 STEP_M = 1e-4
 

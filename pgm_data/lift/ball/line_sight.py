@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float, Int
 
 from pgm_data.geometry.arrays import frozen
 from pgm_data.geometry.camera import Camera, project, rays
-from pgm_data.lift.ball.solution import CameraDoubt
+from pgm_data.lift.camera_doubt import CameraDoubt
 
 NEAREST_M = 0.1
 """Points no farther than this along the ray count as lying there: what is behind the camera is far off, not wrapped."""

@@ -22,8 +22,9 @@ from pgm_data.lift.ball.line_place import Frames, Ground, placed_play
 from pgm_data.lift.ball.line_sight import Sights, doubted, no_sights, sights_at
 from pgm_data.lift.ball.line_times import meetings
 from pgm_data.lift.ball.line_write import Writing
-from pgm_data.lift.ball.solution import BallSolution, CameraDoubt, PlayersAt
+from pgm_data.lift.ball.solution import BallSolution, PlayersAt
 from pgm_data.lift.ball.world import BallWorld
+from pgm_data.lift.camera_doubt import CameraDoubt
 from pgm_data.scene import Prior
 
 BOUNCED = (0.6, 0.3)

@@ -18,8 +18,9 @@ from pgm_data.lift.ball.rally_plan import Surroundings
 from pgm_data.lift.ball.rally_plays import Play, RallyFrames, plays, rally_frames
 from pgm_data.lift.ball.rally_problem import SolverOptions
 from pgm_data.lift.ball.rally_rounds import PlayFit, RoundOptions, solve_rounds
-from pgm_data.lift.ball.solution import BallSolution, CameraDoubt, PlayersAt
+from pgm_data.lift.ball.solution import BallSolution, PlayersAt
 from pgm_data.lift.ball.world import BallWorld
+from pgm_data.lift.camera_doubt import CameraDoubt
 
 SHORT = 4
 """Plays of at most so many contacts are tried from several starts."""

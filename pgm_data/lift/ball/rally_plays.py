@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from pgm_data.ball import BallEvents, BallTrack
 from pgm_data.geometry.camera import Camera
-from pgm_data.lift.ball.solution import CameraDoubt
+from pgm_data.lift.camera_doubt import CameraDoubt
 
 ContactKind = Literal["hit", "bounce", "net", "end"]
 """`end`: the first or last frame of a play, where nothing touches the ball."""

@@ -12,7 +12,7 @@ from pgm_data.lift.ball.rally_plan import Guess, RallyPlan, Surroundings, contac
 from pgm_data.lift.ball.rally_plays import Play, RallyFrames
 from pgm_data.lift.ball.rally_problem import SolverOptions
 from pgm_data.lift.ball.rally_start import ContactPriors, Course, first_course
-from pgm_data.lift.ball.solution import CameraDoubt
+from pgm_data.lift.camera_doubt import CameraDoubt
 
 FASTEST = 90.0
 """No ball is faster than this, m/s."""

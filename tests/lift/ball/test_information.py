@@ -10,7 +10,7 @@ from pgm_data.lift.ball.rally_plan import Guess, Surroundings, contact_priors, p
 from pgm_data.lift.ball.rally_plays import plays, rally_frames
 from pgm_data.lift.ball.rally_problem import SolverOptions
 from pgm_data.lift.ball.rally_start import first_course
-from pgm_data.lift.ball.solution import CameraDoubt, no_doubt
+from pgm_data.lift.camera_doubt import CameraDoubt, no_doubt
 from tests.lift.ball.flown_worlds import WORLD, Seen, course, seen
 
 SOLVER = SolverOptions(iterations=100, tolerance=1e-7)

@@ -6,8 +6,9 @@ import pytest
 from pgm_data.ball import BallTrack, no_events
 from pgm_data.geometry.camera import Camera, project
 from pgm_data.lift.ball.line_solve import LineOptions, solve_line
-from pgm_data.lift.ball.solution import BallSolution, CameraDoubt, PlayersAt, no_doubt
+from pgm_data.lift.ball.solution import BallSolution, PlayersAt
 from pgm_data.lift.ball.world import ball_world
+from pgm_data.lift.camera_doubt import CameraDoubt, no_doubt
 from pgm_data.scene import Prior, load_scene
 from pgm_data.simulate.flight.aim import aim
 from pgm_data.simulate.flight.air import Air, ball_build

@@ -7,8 +7,9 @@ from pgm_data.ball import BallTrack, no_events
 from pgm_data.geometry.camera import Camera, project
 from pgm_data.lift.ball.flight_model import air_law, flown
 from pgm_data.lift.ball.physics_solve import PhysicsOptions, physics_preset, solve_physics
-from pgm_data.lift.ball.solution import BallSolution, CameraDoubt, PlayersAt, no_doubt
+from pgm_data.lift.ball.solution import BallSolution, PlayersAt
 from pgm_data.lift.ball.world import BallWorld, ball_world
+from pgm_data.lift.camera_doubt import CameraDoubt, no_doubt
 from pgm_data.scene import Prior, load_scene
 from tests.lift.ball.flown_worlds import WORLD, Seen, course, looking, seen
 from tests.lift.ball.line_worlds import events_of, track_of
