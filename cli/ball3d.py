@@ -1,29 +1,22 @@
 """`pgm-ball3d`: the ball in metres, for the clips of a work folder or for a 2D track of somebody else's."""
 
-import json
-import os
 import shlex
-from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import tyro
 
-from .console import Progress, UsageError, option_error, print_error, table_text
+from .clip_command import NOTHING_USABLE, Telling, carried_out, planned, scene_of, short, told
+from .console import UsageError, option_error
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from pgm_data.scene import Prior
-    from pgm_data.stages.ball_clips import BallOptions
-    from pgm_data.stages.ball_run import ClipRow, ClipTask
-    from pgm_data.stages.jobs import JobEvent
+    from pgm_data.stages.ball_clips import BallOptions, ClipOutcome
+    from pgm_data.stages.clip_run import ClipTask
 
-SOME_FAILED, NOTHING_USABLE = 3, 4
-ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""Threads of libraries whose tasks here are too small to share."""
 WORK_ONLY = ("clip", "videos", "workers", "timeout", "resume")
 TRACK_ONLY = ("camera", "out", "fps", "size", "sigma")
 
@@ -111,74 +104,27 @@ def _refuse(command: BallCommand, names: tuple[str, ...], of: str) -> None:
 
 
 def _work(command: BallCommand, line: str) -> int:
-    from pgm_data.stages.ball_run import BallManner, ball_work, has_ball, marks_by_clip, plan_clips, write_ball_run
-    from pgm_data.stages.supervise import usable_cores
-
-    from .output import hold_work
+    from pgm_data.stages.ball_clips import EVENTS_OPTION
+    from pgm_data.stages.ball_run import BALL_STAGE, MARK_SUFFIXES
 
     work = command.source
-    if command.workers < 0 or command.timeout < 0:
-        name, value = ("--workers", command.workers) if command.workers < 0 else ("--timeout", command.timeout)
-        raise option_error(name, expected="0 or more", got=value)
     if command.network and not Path(command.network).is_file():
         raise option_error("--network", expected="an ONNX file", got=f"{command.network}, which is none")
-    try:
-        marks = marks_by_clip(Path(command.events), work) if command.events else {}
-        videos = Path(command.videos) if command.videos else None
-        tasks = plan_clips(work, only=command.clip, videos=videos, marks=marks)
-    except ValueError as error:
-        raise UsageError(str(error)) from error
+    marks = {EVENTS_OPTION: Path(command.events)} if command.events else {}
+    tasks = planned(command, work, BALL_STAGE, files=marks, suffixes={EVENTS_OPTION: MARK_SUFFIXES})
     if not tasks:
-        is_work = (work / "run.json").is_file()
-        why = "no court was found in its videos" if is_work else "expected a work folder that pgm-calibrate wrote"
-        print_error(f"no clip in {work}: {why}")
         return NOTHING_USABLE
-    there = [task.clip_id for task in tasks if has_ball(work, task.clip_id)]
-    if there and not (command.resume or command.overwrite):
-        hint = "--resume goes on, --overwrite begins again"
-        raise UsageError(f"{work}: expected clips without a ball, got {there[0]} that has one; {hint}")
     options = _options(command, tasks)
-    for name in ONE_THREAD:
-        os.environ.setdefault(name, "1")
-    videos_of = {task.video for task in tasks if task.video is not None}
-    workers = max(min(command.workers or usable_cores(), len(videos_of)), 1)
-    manner = BallManner(workers=workers, timeout_s=command.timeout or None, resume=command.resume)
-    started = datetime.now(UTC)
-    progress = Progress(total=len(videos_of), quiet=command.quiet)
-    with hold_work(work):
-        try:
-            rows = ball_work(tasks, work, options=options, manner=manner, tell=_shown(progress))
-        finally:
-            progress.close()
-        write_ball_run(work, rows, command=line, options=command, started=started)
-    return _tell(command, work, rows)
+    rows = carried_out(command, work, BALL_STAGE, tasks, options=options, used=("scene", "network"), line=line)
+    return told(command, work, rows, TELLING)
 
 
 def _options(command: BallCommand, tasks: "Sequence[ClipTask]") -> "BallOptions":
-    from pgm_data.dataset.documents import read_document
-    from pgm_data.scene import load_scene
     from pgm_data.stages.ball_clips import BallOptions
 
-    scene = command.scene
-    documents = [command.source / task.clip_id / "clip.json" for task in tasks if task.video is not None]
-    named = {read_document(path, "clip")["scene"] for path in documents}
-    if not scene:
-        if not named:
-            named = {"tennis"}  # of no consequence: no clip can be placed
-        if len(named) > 1:
-            raise option_error("--scene", expected="one scene for all clips", got=f"{', '.join(sorted(named))}")
-        scene = named.pop()
-    try:
-        loaded = load_scene(scene)
-    except ValueError as error:
-        raise UsageError(str(error)) from error
+    scene, loaded = scene_of(command.scene, command.source, tasks)
     if loaded.ball is None or loaded.court is None:
         raise option_error("--scene", expected="a scene with a ball and a court", got=loaded.name)
-    for name in named - {scene}:
-        # The cameras are in metres of the court that they were found by.
-        other = _court_size(name)
-        if other is not None and other != loaded.court.surface_half_size:
-            raise option_error("--scene", expected=f"the court that the cameras were found by, {name}", got=scene)
     drag = _serve_drag(command)
     return BallOptions(
         scene=scene,
@@ -190,17 +136,6 @@ def _options(command: BallCommand, tasks: "Sequence[ClipTask]") -> "BallOptions"
         drag_std=drag.std if drag is not None else 0.0,
         overlay=command.overlay,
     )
-
-
-def _court_size(scene: str) -> tuple[float, float] | None:
-    """Half size of the scene's court; None where the scene is not at hand."""
-    from pgm_data.scene import load_scene
-
-    try:
-        court = load_scene(scene).court
-    except ValueError:
-        return None
-    return court.surface_half_size if court is not None else None
 
 
 def _serve_drag(command: BallCommand) -> "Prior | None":
@@ -218,48 +153,16 @@ def _serve_drag(command: BallCommand) -> "Prior | None":
     return found.drag
 
 
-def _shown(progress: Progress) -> "Callable[[JobEvent], None]":
-    def show(event: "JobEvent") -> None:
-        if event.kind == "progress":
-            progress.update(event.name, event.share)
-        elif event.kind == "skipped":
-            progress.finish(event.name, f"{event.name}: done before")
-        elif event.kind == "done":
-            progress.finish(event.name)
-        elif event.kind == "failed":
-            progress.finish(event.name, f"{event.name}: failed: {event.message}")
-
-    return show
-
-
-def _tell(command: BallCommand, work: Path, rows: "tuple[ClipRow, ...]") -> int:
-    """Print what became of the run; its exit code."""
-    states = [row.outcome.state for row in rows]
-    code = NOTHING_USABLE if "ok" not in states else SOME_FAILED if "failed" in states else 0
-    if command.json:
-        from pgm_data.provenance import plain
-
-        print(
-            json.dumps({"work": str(work), "exit_code": code, "clips": plain([row.outcome for row in rows])}, indent=2)
-        )
-    elif not command.quiet:
-        print(table_text(HEADER, [_cells(row) for row in rows]))
-        print(f"\n{work / 'report.html'}")
-    for row in rows:
-        if row.outcome.state == "failed":
-            print_error(f"{row.outcome.clip_id}: {row.outcome.reason}")
-    if code == NOTHING_USABLE:
-        print_error("no ball was placed in any clip")
-    return code
-
-
-HEADER = (
-    "clip", "state", "frames", "seen", "measured", "filled", "hits", "bounces", "px", "find s", "place s", "trouble",
-)  # fmt: skip
-
-
-def _cells(row: "ClipRow") -> tuple[object, ...]:
-    own = row.outcome
-    reason = own.reason if len(own.reason) <= 80 else own.reason[:77] + "..."
+def _cells(own: "ClipOutcome") -> tuple[object, ...]:
     counts = (own.frames, own.detected, own.measured, own.filled, own.hits, own.bounces)
-    return own.clip_id, own.state, *counts, own.residual_px, own.detect_s, own.lift_s, reason
+    return own.clip_id, own.state, *counts, own.residual_px, own.detect_s, own.lift_s, short(own.reason)
+
+
+TELLING = Telling(
+    header=(
+        "clip", "state", "frames", "seen", "measured", "filled", "hits", "bounces", "px", "find s", "place s",
+        "trouble",
+    ),
+    cells=_cells,
+    nothing="no ball was placed in any clip",
+)  # fmt: skip

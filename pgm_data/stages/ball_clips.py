@@ -16,12 +16,13 @@ from pgm_data.dataset.documents import read_document, write_document
 from pgm_data.dataset.tables import read_table
 from pgm_data.lift.ball.shutter import pixel_velocity, shutter_from_streaks
 from pgm_data.lift.ball.solution import PlayersAt
-from pgm_data.lift.camera_doubt import CameraDoubt
 from pgm_data.scene import Prior, Scene, load_scene
 from pgm_data.stages.ball_detect import DetectOptions, Detector, detect_clips
 from pgm_data.stages.ball_events import Surroundings
 from pgm_data.stages.ball_lift import LiftedBall, Method, Quality, clip_ball, lift_ball
+from pgm_data.stages.clip_doubt import camera_doubt
 
+EVENTS_OPTION = "--events"
 WRIST = "wrist"
 """In the names of joints at which a racket is held."""
 
@@ -85,7 +86,7 @@ def run_job(arguments: dict, report: Callable[[dict], None]) -> dict:
         tuple(arguments["clips"]),
         video=Path(arguments["video"]),
         options=BallOptions(**arguments["options"]),
-        marks={clip: Path(path) for clip, path in arguments["marks"].items()},
+        marks={clip: Path(files[EVENTS_OPTION]) for clip, files in arguments["files"].items()},
         threads=threads,
         report=report,
     )
@@ -214,22 +215,6 @@ def _short_of(status: tuple[str, ...]) -> str:
     words = {"none": "not placed", "line": "by the line method", "fallback": "smoothed from their neighbours"}
     short = [f"{status.count(name)} {said}" for name, said in words.items() if name in status]
     return f"of {len(status)} flights {', '.join(short)}" if short else ""
-
-
-def camera_doubt(clip: ClipCamera, document: dict[str, Any]) -> CameraDoubt:
-    """How far off the clip's cameras may be, by what its calibration says of itself."""
-    has = clip.has_camera
-    if not has.any():
-        return CameraDoubt(position_cov=np.zeros((3, 3)), focal_std_share=0.0, pixel_std=0.0)
-    cov = clip.position_cov[has]
-    cov = np.nan_to_num(np.median(cov[np.isfinite(cov).all(axis=1)], axis=0)) if np.isfinite(cov).any() else np.zeros(6)
-    focal = clip.focal_std_px[has] / clip.camera.K[has, 0, 0]
-    jitter = (document.get("camera") or {}).get("jitter_px")
-    return CameraDoubt(
-        position_cov=cov[np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])],
-        focal_std_share=float(np.median(focal[np.isfinite(focal)])) if np.isfinite(focal).any() else 0.0,
-        pixel_std=float(jitter) if jitter is not None else 0.0,
-    )
 
 
 def players_at(folder: Path, scene: Scene) -> PlayersAt | None:

@@ -13,7 +13,8 @@ from pgm_data.lift.ball.landing import SERVE_HEIGHT, serves
 from pgm_data.lift.ball.serve_drag import Serves, drag_from_serves
 from pgm_data.lift.ball.world import ball_world
 from pgm_data.scene import Prior, load_scene
-from pgm_data.stages.ball_run import clip_ids, has_ball
+from pgm_data.stages.ball_run import BALL_STAGE
+from pgm_data.stages.clip_run import clip_ids, has_tables
 
 NEAR_S = 0.5
 """A serve begins within this time of the moment that its row names."""
@@ -59,7 +60,7 @@ def drag_of_serves(work: Path, speeds: Path, scene: str = "") -> FoundDrag:
         ValueError: If the file is not what it must be, no clip has a ball yet, or a row names a clip that is none.
     """
     rows = read_serve_speeds(speeds)
-    clips = {name: _read(work, name) for name in clip_ids(work) if has_ball(work, name)}
+    clips = {name: _read(work, name) for name in clip_ids(work) if has_tables(BALL_STAGE, work, name)}
     if not clips:
         raise ValueError(f"--serve-speeds: expected clips in {work} whose ball has been placed, got none; run without")
     named = scene or read_document(work / next(iter(clips)) / "clip.json", "clip")["scene"]

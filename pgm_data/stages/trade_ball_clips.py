@@ -14,9 +14,10 @@ from pgm_data.dataset.clip_ball import ClipBall, read_clip_ball
 from pgm_data.dataset.clip_camera import read_clip_camera
 from pgm_data.dataset.documents import read_document
 from pgm_data.scene import load_scene
-from pgm_data.stages.ball_clips import BallOptions, camera_doubt, detect_options
+from pgm_data.stages.ball_clips import BallOptions, detect_options
 from pgm_data.stages.ball_detect import detect_clips
 from pgm_data.stages.ball_lift import LiftedBall, Surroundings, lift_ball
+from pgm_data.stages.clip_doubt import camera_doubt
 from pgm_data.stages.jobs import Job
 from pgm_data.stages.trade_ball_score import (
     FAILED_M,

@@ -23,10 +23,11 @@ from pgm_data.detect.ball.track_events import find_events
 from pgm_data.lift.ball.solution import BallSolution
 from pgm_data.lift.ball.world import BallWorld, ball_world
 from pgm_data.scene import Scene, load_scene
-from pgm_data.stages.ball_clips import BallOptions, camera_doubt, detect_options
+from pgm_data.stages.ball_clips import BallOptions, detect_options
 from pgm_data.stages.ball_detect import detect_clips
 from pgm_data.stages.ball_lift import Surroundings, lift_ball
 from pgm_data.stages.calibrate import CalibrateOptions, calibrate_video
+from pgm_data.stages.clip_doubt import camera_doubt
 from pgm_data.stages.trade_ball_score import WITHIN_FRAMES, match_events, plain_matches
 from pgm_data.stages.trade_ball_solve import Solver, solver_of
 

@@ -18,6 +18,9 @@ from av.stream import Disposition
 from pgm_data.inputs import STILL_SUFFIXES
 from pgm_data.video.frames import CodecFrame, Converter, DecodedFrame, Display, PictureFrame, is_full_range
 
+SOUGHT_BEFORE_S = 0.5
+"""How long before a frame it is looked for: its key frame may be listed a little late."""
+SAME_TIME_S = 1e-6
 CLOCK_RESTART_S = 1.0
 """A step back in time larger than this is read as a clock that starts again, seconds."""
 MISSING_END_S = 0.5
@@ -106,7 +109,9 @@ class VideoReader:
         return self._frames
 
 
-def open_video(path: Path, *, threads: int = 2, fast: bool = False) -> VideoReader:
+def open_video(
+    path: Path, *, threads: int = 2, fast: bool = False, start: tuple[int, float] | None = None
+) -> VideoReader:
     """A reader of the video or still picture, its first frame already decoded.
 
     What a damaged file still yields is read, and `reader.trouble` then says what is missing. Times are the file's own
@@ -120,6 +125,8 @@ def open_video(path: Path, *, threads: int = 2, fast: bool = False) -> VideoRead
         threads: Decoding threads; they work while the caller does. 0 = as many as cores.
         fast: Leave out the decoder's deblocking filter and allow its shortcuts: for browsing. Luma then differs a
             little at block borders, and differences add up until the next key frame.
+        start: Number and presentation time of the frame to begin with, as an earlier reading of this file gave them;
+            it is sought where the file allows, else what lies before it is decoded and passed over.
 
     Raises:
         VideoError: If nothing can be decoded, or the file asks for a turn that is no multiple of 90 degrees.
@@ -136,6 +143,8 @@ def open_video(path: Path, *, threads: int = 2, fast: bool = False) -> VideoRead
         found = f"{path.stat().st_size} bytes that are none ({_cause(error)})"
         raise VideoError(path, "a video", found) from error
     try:
+        if start is not None and start[0] > 0:
+            return _read_from(path, container, threads, fast, start)
         return _read_container(path, container, threads, fast)
     except BaseException:
         container.close()
@@ -195,14 +204,7 @@ class _Clock:
 
 def _read_container(path: Path, container: InputContainer, threads: int, fast: bool) -> VideoReader:
     """A reader of the first real video stream."""
-    stream = next((each for each in container.streams.video if not each.disposition & Disposition.attached_pic), None)
-    if stream is None or stream.codec_context is None:
-        raise VideoError(path, "a video stream that can be decoded", f"none in a file of kind {container.format.name}")
-    stream.thread_type = "AUTO"
-    stream.codec_context.thread_count = threads
-    if fast:
-        stream.codec_context.options = {"skip_loop_filter": "all", "flags2": "+fast"}
-    notes = _Notes()
+    stream, notes = _stream(path, container, threads, fast), _Notes()
     decoded = _decode(container, stream, notes)
     first = next(decoded, None)
     if first is None:
@@ -210,6 +212,50 @@ def _read_container(path: Path, container: InputContainer, threads: int, fast: b
     display = _display_of(path, stream, first)
     frames = _shown(chain([first], decoded), display, _Clock(stream, notes), notes)
     return VideoReader(_info_of(path, stream, first, display), frames, notes, container)
+
+
+def _read_from(
+    path: Path, container: InputContainer, threads: int, fast: bool, start: tuple[int, float]
+) -> VideoReader:
+    """A reader of the first real video stream that begins with the frame of that number and time."""
+    number, time = start
+    stream, notes = _stream(path, container, threads, fast), _Notes()
+    base = stream.time_base
+    if base is not None:
+        try:
+            container.seek(int((time - SOUGHT_BEFORE_S) / base), stream=stream)
+            stream.codec_context.flush_buffers()
+            decoded = _decode(container, stream, notes)
+            before = True
+            for frame in decoded:
+                own = None if frame.pts is None else float(frame.pts * base)
+                before &= own is not None and own < time - SAME_TIME_S
+                if own is not None and abs(own - time) <= SAME_TIME_S:
+                    display = _display_of(path, stream, frame)
+                    frames = _shown(chain([frame], decoded), display, _Clock(stream, notes), notes, number)
+                    return VideoReader(_info_of(path, stream, frame, display), frames, notes, container)
+                if not before:
+                    break
+        except (FFmpegError, OSError):
+            pass
+    container.close()
+    reader = open_video(path, threads=threads, fast=fast)
+    for skipped in range(number):
+        if next(iter(reader), None) is None:
+            raise VideoError(path, f"a frame {number}", f"its end after {skipped} frames")
+    return reader
+
+
+def _stream(path: Path, container: InputContainer, threads: int, fast: bool) -> av.VideoStream:
+    """The first real video stream, set up for decoding."""
+    stream = next((each for each in container.streams.video if not each.disposition & Disposition.attached_pic), None)
+    if stream is None or stream.codec_context is None:
+        raise VideoError(path, "a video stream that can be decoded", f"none in a file of kind {container.format.name}")
+    stream.thread_type = "AUTO"
+    stream.codec_context.thread_count = threads
+    if fast:
+        stream.codec_context.options = {"skip_loop_filter": "all", "flags2": "+fast"}
+    return stream
 
 
 def _open_still(path: Path) -> VideoReader:
@@ -272,11 +318,13 @@ def _decode(container: InputContainer, stream: av.VideoStream, notes: _Notes) ->
         notes.add("cut", f"the file ends early: {frames} frames decoded, the last at {end:.3f} s of {stated:.3f} s")
 
 
-def _shown(frames: Iterable[av.VideoFrame], display: Display, clock: _Clock, notes: _Notes) -> Iterator[DecodedFrame]:
-    """Decoded frames as displayed, up to a change of size."""
+def _shown(
+    frames: Iterable[av.VideoFrame], display: Display, clock: _Clock, notes: _Notes, first: int = 0
+) -> Iterator[DecodedFrame]:
+    """Decoded frames as displayed, numbered from `first`, up to a change of size."""
     converter = Converter()
     size: tuple[int, int] | None = None
-    for number, frame in enumerate(frames):
+    for number, frame in enumerate(frames, first):
         size = size or (frame.width, frame.height)
         if (frame.width, frame.height) != size:
             found = f"{frame.width}x{frame.height}"
