@@ -1,4 +1,4 @@
-"""A clip's video with the court and the ball drawn in through its cameras, and a few of its frames as pictures."""
+"""A clip's video with court, players and ball drawn in through its cameras, and a few of its frames as pictures."""
 
 import shutil
 from collections.abc import Iterator
@@ -12,10 +12,12 @@ from jaxtyping import Float, Int, Shaped, UInt8
 
 from pgm_data.dataset.clip_ball import BALL_TABLES, read_clip_ball
 from pgm_data.dataset.clip_camera import ClipCamera, read_clip_camera
+from pgm_data.dataset.clip_players import read_clip_players
 from pgm_data.lift.ball.world import ball_world
 from pgm_data.scene import Scene
 from pgm_data.stages.ball_overlay import BallStrokes, ball_label, ball_strokes, draw_ball
 from pgm_data.stages.court_drawing import CourtStrokes, court_strokes, draw_court, draw_label, resized
+from pgm_data.stages.players_overlay import PlayerStrokes, draw_players, player_labels, player_strokes
 from pgm_data.video import DecodedFrame, open_video, write_video
 
 KEY_FRAMES = 6
@@ -34,6 +36,8 @@ class ClipStrokes:
     """None where the scene has none."""
     ball: BallStrokes | None
     """None where the clip's ball has not been found yet."""
+    players: PlayerStrokes | None
+    """None where the clip's players have not been found yet."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -48,10 +52,10 @@ class KeyFrame:
 def write_overlay(
     work: Path, clip_id: str, *, video: Path, scene: Scene, max_width: int = 1280
 ) -> tuple[KeyFrame, ...]:
-    """Write the clip's overlay.mp4 and key frames, with its ball where it has tables of one; returns the key frames.
+    """Write the clip's overlay.mp4 and key frames, with players and ball where it has tables of them; the key frames.
 
     Raises:
-        ValueError: If the video does not hold the frames of the clip's camera track, or a table of the ball is bad.
+        ValueError: If the video does not hold the frames of the clip's camera track, or a table is bad.
     """
     return write_overlays(work, (clip_id,), video=video, scene=scene, max_width=max_width)[clip_id]
 
@@ -62,7 +66,7 @@ def write_overlays(
     """The same for several clips of one video, which is decoded once.
 
     Raises:
-        ValueError: If the video does not hold the frames of a clip's camera track, or a table of a ball is bad.
+        ValueError: If the video does not hold the frames of a clip's camera track, or a table is bad.
     """
     tracks = [read_clip_camera(work / clip_id) for clip_id in clip_ids]
     for track in tracks:
@@ -74,7 +78,12 @@ def write_overlays(
             raise ValueError(f"{video}: expected clips that share no frame, got {one.clip_id}, {following.clip_id}")
     court = court_strokes(scene.court) if scene.court is not None else None
     strokes = {
-        track.clip_id: ClipStrokes(court=court, ball=_ball(work / track.clip_id, track, scene)) for track in tracks
+        track.clip_id: ClipStrokes(
+            court=court,
+            ball=_ball(work / track.clip_id, track, scene),
+            players=_players(work / track.clip_id, scene),
+        )
+        for track in tracks
     }
     key_frames: dict[str, tuple[KeyFrame, ...]] = {}
     with open_video(video) as reader:
@@ -103,6 +112,13 @@ def _ball(folder: Path, track: ClipCamera, scene: Scene) -> BallStrokes | None:
     world = ball_world(scene)
     ball = read_clip_ball(folder, track.capture_time)
     return ball_strokes(ball, ground_half_size=world.ground_half_size, floor_z=world.floor_z)
+
+
+def _players(folder: Path, scene: Scene) -> PlayerStrokes | None:
+    """The clip's players, where their table is there."""
+    if not scene.players or not (folder / "players.parquet").is_file():
+        return None
+    return player_strokes(read_clip_players(folder, scene), scene)
 
 
 def saved_key_frames(folder: Path) -> tuple[KeyFrame, ...]:
@@ -146,7 +162,7 @@ class _Painter:
         self.key_frames: list[KeyFrame] = []
 
     def pictures(self, frames: Iterator[DecodedFrame], video: Path) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
-        """The clip's frames with court and ball drawn in."""
+        """The clip's frames with all that is known drawn in."""
         for index, video_frame in enumerate(self.track.video_frame.tolist()):
             frame = next((frame for frame in frames if frame.video_frame >= video_frame), None)
             if frame is None or frame.video_frame != video_frame:
@@ -166,14 +182,14 @@ def drawn(
     strokes: ClipStrokes,
     max_width: int = 1280,
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """A decoded frame, made smaller where wider than `max_width`, with its court, its ball, and lines about them.
+    """A decoded frame, made smaller where wider than `max_width`, with court, players and ball, and lines about them.
 
     Args:
         frame: The picture.
         size: Its displayed width and height, pixels.
         track: The clip's cameras.
         index: Frame of the clip.
-        strokes: Court and ball.
+        strokes: Court, players and ball.
         max_width: Pixels.
     """
     picture = np.require(frame.small_bgr(min(size[0], max_width)), requirements=["C", "W"])
@@ -183,6 +199,9 @@ def drawn(
     if strokes.court is not None and status != "none":
         draw_court(picture, strokes.court, camera, status)
     lines = _label(track, index)
+    if strokes.players is not None:
+        draw_players(picture, strokes.players, camera, index, scale)
+        lines = (*lines, *player_labels(strokes.players, index))
     if strokes.ball is not None:
         draw_ball(picture, strokes.ball, camera, index, scale)
         lines = (*lines, ball_label(strokes.ball, index))

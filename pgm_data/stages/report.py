@@ -15,6 +15,14 @@ import numpy as np
 from pgm_data.dataset.files import whole_file
 from pgm_data.stages.ball_report import COLUMNS, ball_cells, ball_section
 from pgm_data.stages.overlay import KeyFrame, saved_key_frames
+from pgm_data.stages.players_report import (
+    CAPTION_COLUMNS,
+    PLAYER_COLUMNS,
+    captions_cells,
+    captions_section,
+    players_cells,
+    players_section,
+)
 from pgm_data.stages.report_figures import (
     ClipFigures,
     ReasonCount,
@@ -61,11 +69,17 @@ def write_clip_report(work: Path, clip_id: str) -> Path:
         + f'<h2>Camera</h2><div class="card">{_facts(figures)}</div>'
         + f'<h2>Over time</h2><div class="card">{_plots(figures)}</div>'
         + _reasons("Frames that were not measured", figures.reasons, frames)
+        + (
+            players_section(figures.players, figures.track.capture_time, str(figures.document["scene"]))
+            if figures.players is not None
+            else ""
+        )
         + (ball_section(figures.ball, str(figures.document["scene"])) if figures.ball is not None else "")
+        + (captions_section(figures.captions) if figures.captions is not None else "")
         + "<h2>Key frames</h2>"
         + (_pictures(figures, saved_key_frames(folder), small=False) or '<p class="quiet">No overlay was written.</p>')
     )
-    return _write(folder / "report.html", f"{clip_id}: camera{' and ball' if figures.ball is not None else ''}", body)
+    return _write(folder / "report.html", clip_id, body)
 
 
 def write_work_report(work: Path) -> Path:
@@ -149,6 +163,8 @@ def _ignored(videos: list[VideoFigures]) -> str:
 def _clips(figures: WorkFigures, speed: dict[str, float]) -> str:
     rows = []
     with_ball = any(clip.ball is not None for clip in figures.clips)
+    with_players = any(clip.players is not None for clip in figures.clips)
+    with_captions = any(clip.captions is not None for clip in figures.clips)
     for clip in figures.clips:
         frames = _frames(clip)
         link = f"./{quote(clip.clip_id, errors='replace')}/report.html"
@@ -163,7 +179,11 @@ def _clips(figures: WorkFigures, speed: dict[str, float]) -> str:
             _focal_range(clip),
         )
         cells = "".join(f'<td class="n">{value}</td>' for value in numbers)
-        own = ball_cells(clip.ball) if with_ball else ()
+        own = (
+            *(players_cells(clip.players) if with_players else ()),
+            *(ball_cells(clip.ball) if with_ball else ()),
+            *(captions_cells(clip.captions) if with_captions else ()),
+        )
         tail = (*own, number(clip.camera_summary.get("jitter_px"), 2), share(repeats, frames), _speed(speed, clip))
         last = "".join(f'<td class="n">{value}</td>' for value in tail)
         rows.append(
@@ -171,9 +191,14 @@ def _clips(figures: WorkFigures, speed: dict[str, float]) -> str:
             f"<td>{strip(clip.track.timestamp, clip.track.status, axis=False)}</td>{cells}"
             f'<td class="n">{_position(clip)}</td><td>{escape(_lens(clip))}</td>{last}</tr>'
         )
+    own_columns = (
+        *(PLAYER_COLUMNS if with_players else ()),
+        *(COLUMNS if with_ball else ()),
+        *(CAPTION_COLUMNS if with_captions else ()),
+    )
     head = (
         *("Clip", "State", "Over time", "Frames#", "Measured#", "Interpolated#", "None#", "Median px#", "95 % px#"),
-        *("Focal px#", "Position m#", "Lens", *(COLUMNS if with_ball else ()), "Jitter px#", "Repeats#", "Frames/s#"),
+        *("Focal px#", "Position m#", "Lens", *own_columns, "Jitter px#", "Repeats#", "Frames/s#"),
     )
     for clip_id, reason in figures.unreadable:
         rows.append(

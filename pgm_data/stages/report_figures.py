@@ -12,8 +12,11 @@ from jaxtyping import Float, Shaped
 
 from pgm_data.dataset.clip_ball import BALL_TABLES, ClipBall, read_clip_ball
 from pgm_data.dataset.clip_camera import ClipCamera, read_clip_camera
+from pgm_data.dataset.clip_captions import CaptionRows, read_clip_captions
+from pgm_data.dataset.clip_players import ClipPlayers, read_clip_players
 from pgm_data.dataset.documents import read_document
 from pgm_data.dataset.tables import read_table
+from pgm_data.scene import load_scene
 
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
 """Numbers in a reason; reasons that differ only in them are counted as one."""
@@ -31,12 +34,16 @@ class ReasonCount:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ClipFigures:
-    """What a clip's `clip.json`, `camera.parquet` and the tables of its ball say."""
+    """What a clip's `clip.json`, `camera.parquet` and the other tables say."""
 
     document: dict[str, Any]
     track: ClipCamera
     ball: ClipBall | None
     """None where the ball has not been found yet."""
+    players: ClipPlayers | None
+    """None where the players have not been found yet, or the scene is not at hand."""
+    captions: CaptionRows | None
+    """None where nothing has been said yet."""
     pan_deg: Float[np.ndarray, " frames"]
     """Where the camera looks: to the right of +y, degrees; NaN without a camera."""
     tilt_deg: Float[np.ndarray, " frames"]
@@ -126,19 +133,34 @@ def clip_figures(folder: Path) -> ClipFigures:
     """The figures of the clip in the folder.
 
     Raises:
-        ValueError: If its `clip.json`, its `camera.parquet` or a table of its ball cannot be read.
+        ValueError: If its `clip.json`, its `camera.parquet` or another of its tables cannot be read.
     """
     track = read_clip_camera(folder)
     has_ball = all((folder / f"{name}.parquet").is_file() for name in BALL_TABLES)
     forward_world = track.camera.R_cam_from_world[:, 2]
+    document = read_document(folder / "clip.json", "clip")
+    has_captions = (folder / "captions.parquet").is_file()
     return ClipFigures(
-        document=read_document(folder / "clip.json", "clip"),
+        document=document,
         track=track,
+        players=_players(folder, str(document["scene"])),
+        captions=read_clip_captions(folder) if has_captions else None,
         ball=read_clip_ball(folder, track.capture_time) if has_ball else None,
         pan_deg=np.degrees(np.arctan2(forward_world[:, 0], forward_world[:, 1])),
         tilt_deg=np.degrees(np.arcsin(np.clip(forward_world[:, 2], -1.0, 1.0))),
         reasons=counted(_pairs(track.status, track.reason, but="measured")),
     )
+
+
+def _players(folder: Path, scene_name: str) -> ClipPlayers | None:
+    """The clip's players; None without a table, and without a scene that says what is in it."""
+    if not (folder / "players.parquet").is_file():
+        return None
+    try:
+        scene = load_scene(scene_name)
+    except ValueError:
+        return None
+    return read_clip_players(folder, scene) if scene.players else None
 
 
 def counted(reasons: Iterable[tuple[str, str, int]]) -> tuple[ReasonCount, ...]:
