@@ -14,7 +14,8 @@ from jaxtyping import Float, UInt8
 from pgm_data.dataset.clip_ball import ClipBall
 from pgm_data.geometry.camera import Camera, project
 from pgm_data.stages.ball_paths import FlightPaths, flight_paths
-from pgm_data.stages.court_drawing import BGR, SUBPIXEL_BITS, clipped
+from pgm_data.stages.court_drawing import BGR
+from pgm_data.stages.overlay_marks import draw_circle, draw_path, draw_words, lies_near
 
 PAST, TO_COME, DETECTED = (60, 230, 255), (50, 180, 200), (255, 255, 90)
 SHADOW, DOUBT, WORDS = (30, 30, 30), (160, 160, 160), (255, 255, 255)
@@ -72,7 +73,7 @@ def draw_ball(
         _draw_place(picture, strokes, camera, index)
     seen = (strokes.ball.pixel[index] + 0.5) * scale_xy - 0.5
     if np.isfinite(seen).all():
-        _circle(picture, seen, 7.0, DETECTED, 1)
+        draw_circle(picture, seen, 7.0, DETECTED, 1)
 
 
 def ball_label(strokes: BallStrokes, index: int) -> str:
@@ -94,8 +95,8 @@ def _draw_flight(picture: np.ndarray, strokes: BallStrokes, camera: Camera, time
     pixels, _ = project(camera, paths.points_world[own])
     # The piece that the ball is in counts to what is to come.
     been = int(np.searchsorted(paths.times[own], time, side="right"))
-    _lines(picture, pixels[max(been - 1, 0) :], TO_COME, 1)
-    _lines(picture, pixels[:been], PAST, 2)
+    draw_path(picture, pixels[max(been - 1, 0) :], TO_COME, 1)
+    draw_path(picture, pixels[:been], PAST, 2)
 
 
 def _draw_events(picture: np.ndarray, strokes: BallStrokes, camera: Camera, time: float) -> None:
@@ -112,21 +113,21 @@ def _draw_events(picture: np.ndarray, strokes: BallStrokes, camera: Camera, time
         if kind == "hit":
             speeds = shots.start_speed[shots.start_event == i]
             if len(speeds) and np.isfinite(speeds[0]):
-                _text(picture, pixel + [10, -10], f"{3.6 * speeds[0]:.0f} km/h", WORDS)
+                draw_words(picture, pixel + [10, -10], f"{3.6 * speeds[0]:.0f} km/h", WORDS)
         if age[i] > SHOWN_S:
             continue
         if kind == "bounce":
             ring = np.column_stack(
                 [place[:2] + BOUNCE_RADIUS_M * CIRCLE, np.full(len(CIRCLE), strokes.ground_z(place))]
             )
-            _lines(picture, project(camera, ring)[0], EVENT_COLOURS[kind], 2)
+            draw_path(picture, project(camera, ring)[0], EVENT_COLOURS[kind], 2)
         else:
             marker = cv2.MARKER_STAR if kind == "hit" else cv2.MARKER_TILTED_CROSS
-            if _near(picture, pixel):
+            if lies_near(picture, pixel):
                 x, y = (round(float(value)) for value in pixel)
                 cv2.drawMarker(picture, (x, y), EVENT_COLOURS[kind], marker, 14, 2, cv2.LINE_AA)
         if events.probability[i] < SURE:
-            _text(picture, pixel + [10, 12], f"{kind} {events.probability[i]:.2f}", WORDS)
+            draw_words(picture, pixel + [10, 12], f"{kind} {events.probability[i]:.2f}", WORDS)
 
 
 def _draw_place(picture: np.ndarray, strokes: BallStrokes, camera: Camera, index: int) -> None:
@@ -140,42 +141,9 @@ def _draw_place(picture: np.ndarray, strokes: BallStrokes, camera: Camera, index
     around = CIRCLE * np.sqrt(np.maximum(values, 0.0)) @ axes.T
     ellipse = np.column_stack([below[:2] + around, np.full(len(CIRCLE), below[2])])
     pixels, _ = project(camera, np.concatenate([place[None], below[None], ellipse]))
-    _lines(picture, pixels[2:], DOUBT, 1)
-    _lines(picture, pixels[:2], DOUBT, 1)
+    draw_path(picture, pixels[2:], DOUBT, 1)
+    draw_path(picture, pixels[:2], DOUBT, 1)
     if np.isfinite(pixels[1]).all():
-        _circle(picture, pixels[1], 3.0, SHADOW, cv2.FILLED)
+        draw_circle(picture, pixels[1], 3.0, SHADOW, cv2.FILLED)
     if np.isfinite(pixels[0]).all():
-        _circle(picture, pixels[0], 4.0, PAST, cv2.FILLED if ball.status[index] == "measured" else 1)
-
-
-def _near(picture: np.ndarray, pixel: np.ndarray) -> bool:
-    """Whether the pixel lies in the picture, or so near that a mark might."""
-    height, width = picture.shape[:2]
-    return bool((pixel > -50).all() and pixel[0] < width + 50 and pixel[1] < height + 50)
-
-
-def _lines(picture: np.ndarray, pixels: Float[np.ndarray, "points 2"], colour: BGR, thickness: int) -> None:
-    """The points joined, as far as they lie in the picture."""
-    height, width = picture.shape[:2]
-    pieces = np.stack([pixels[:-1], pixels[1:]], axis=1)
-    inside = clipped(pieces, np.array([-2.0, -2.0]), np.array([width + 1.0, height + 1.0]))
-    fixed_point = np.round(inside * (1 << SUBPIXEL_BITS)).astype(np.int32)
-    cv2.polylines(picture, list(fixed_point), False, colour, thickness, cv2.LINE_AA, SUBPIXEL_BITS)
-
-
-def _circle(picture: np.ndarray, pixel: np.ndarray, radius: float, colour: BGR, thickness: int) -> None:
-    if _near(picture, pixel):
-        x, y, r = (round(float(value) * (1 << SUBPIXEL_BITS)) for value in (*pixel, radius))
-        cv2.circle(picture, (x, y), r, colour, thickness, cv2.LINE_AA, SUBPIXEL_BITS)
-
-
-def _text(picture: np.ndarray, pixel: np.ndarray, text: str, colour: BGR) -> None:
-    """Words on a darker ground, their lower left corner at the pixel."""
-    if not _near(picture, pixel):
-        return
-    size = max(0.45, picture.shape[1] / 2000)
-    (width, height), below = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
-    x, y = (round(float(value)) for value in pixel)
-    ground = picture[max(y - height - 3, 0) : max(y + below, 0), max(x - 3, 0) : max(x + width + 3, 0)]
-    ground[:] = ground // 2
-    cv2.putText(picture, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, size, colour, 1, cv2.LINE_AA)
+        draw_circle(picture, pixels[0], 4.0, PAST, cv2.FILLED if ball.status[index] == "measured" else 1)

@@ -17,7 +17,7 @@ from pgm_data.lift.ball.world import ball_world
 from pgm_data.scene import Scene
 from pgm_data.stages.ball_overlay import BallStrokes, ball_label, ball_strokes, draw_ball
 from pgm_data.stages.court_drawing import CourtStrokes, court_strokes, draw_court, draw_label, resized
-from pgm_data.stages.players_overlay import PlayerStrokes, draw_players, player_labels, player_strokes
+from pgm_data.stages.players_overlay import PlayerStrokes, draw_players, player_strokes
 from pgm_data.video import DecodedFrame, open_video, write_video
 
 KEY_FRAMES = 6
@@ -201,7 +201,6 @@ def drawn(
     lines = _label(track, index)
     if strokes.players is not None:
         draw_players(picture, strokes.players, camera, index, scale)
-        lines = (*lines, *player_labels(strokes.players, index))
     if strokes.ball is not None:
         draw_ball(picture, strokes.ball, camera, index, scale)
         lines = (*lines, ball_label(strokes.ball, index))

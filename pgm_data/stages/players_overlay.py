@@ -11,11 +11,12 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from pgm_data.dataset.clip_players import ClipPlayers
+from pgm_data.dataset.clip_players import ClipPlayers, PlayerTrack
 from pgm_data.geometry.camera import Camera, project
 from pgm_data.scene import Scene
 from pgm_data.skeleton import Skeleton
-from pgm_data.stages.court_drawing import BGR, SUBPIXEL_BITS, clipped
+from pgm_data.stages.court_drawing import BGR
+from pgm_data.stages.overlay_marks import draw_circle, draw_path, draw_pieces, draw_words
 
 COLOURS: tuple[BGR, ...] = ((255, 170, 60), (60, 150, 255), (120, 230, 120), (230, 120, 230))
 """Of the players in the scene's order."""
@@ -23,6 +24,8 @@ SEEN, DOUBT = (255, 255, 255), (160, 160, 160)
 STANDS = 0.5
 """Probability from which a foot is drawn as standing."""
 LOWEST_SCORE = 0.3
+LABEL_OVER_M = 0.3
+"""How far above the highest joint a player's label stands, m."""
 CIRCLE = np.stack([np.cos(a := np.linspace(0, 2 * np.pi, 33)), np.sin(a)], axis=1)
 
 
@@ -62,7 +65,7 @@ def draw_players(
         seen = (track.keypoints_px[index] + 0.5) * scale_xy - 0.5
         strong = np.isfinite(seen).all(axis=1) & (track.keypoint_score[index] >= LOWEST_SCORE)
         for pixel in seen[strong]:
-            _circle(picture, pixel, 2.0, SEEN, 1)
+            draw_circle(picture, pixel, 2.0, SEEN, 1)
         if has_camera and track.status[index] != "none":
             _draw_body(picture, strokes, number, skeleton, camera, index)
         corners = (track.box_px[index].reshape(2, 2) + 0.5) * scale_xy - 0.5
@@ -82,50 +85,24 @@ def _draw_body(
     values, axes = np.linalg.eigh(np.nan_to_num(track.root_cov[index, :2, :2]))
     around = CIRCLE * np.sqrt(np.maximum(values, 0.0)) @ axes.T
     ellipse = np.column_stack([root[:2] + around, np.zeros(len(CIRCLE))])
-    _lines(picture, _pieces(project(camera, ellipse)[0]), DOUBT, 1)
+    draw_path(picture, project(camera, ellipse)[0], DOUBT, 1)
     joints = track.joints[index]
+    over = np.array([root[0], root[1], max(float(np.nan_to_num(joints[:, 2]).max(initial=0.0)), 1.9) + LABEL_OVER_M])
+    draw_words(picture, project(camera, over[None])[0][0] - [30, 0], _label(track, index), colour)
     if not np.isfinite(joints).all():
         return
     pixels, _ = project(camera, joints)
     children = np.flatnonzero(skeleton.parents >= 0)
-    _lines(picture, np.stack([pixels[skeleton.parents[children]], pixels[children]], axis=1), colour, 2)
+    draw_pieces(picture, np.stack([pixels[skeleton.parents[children]], pixels[children]], axis=1), colour, 2)
     for side, sole in enumerate(skeleton.soles):
         joint = skeleton.point_joints[skeleton.point_names.index(sole[-1])]
         if np.isfinite(pixels[joint]).all():
             stands = bool(track.contact[index, side] >= STANDS)
-            _circle(picture, pixels[joint], 3.5, colour, cv2.FILLED if stands else 1)
+            draw_circle(picture, pixels[joint], 3.5, colour, cv2.FILLED if stands else 1)
 
 
-def player_labels(strokes: PlayerStrokes, index: int) -> tuple[str, ...]:
-    """A line about each player in a frame: who it is, how it was had, and how well its place is known."""
-    lines = []
-    for track in strokes.clip.players:
-        who = str(track.identity[index])
-        name = f"{track.name} {who}" if who else track.name
-        if track.status[index] == "none":
-            lines.append(f"{name}: none")
-            continue
-        std = np.sqrt(max(float(np.linalg.eigvalsh(np.nan_to_num(track.root_cov[index]))[-1]), 0.0))
-        fit = track.reprojection_px[index]
-        words = f"{name}: {track.status[index]}   +-{std:.2f} m"
-        lines.append(f"{words}   {fit:.1f} px" if np.isfinite(fit) else words)
-    return tuple(lines)
-
-
-def _pieces(points: np.ndarray) -> np.ndarray:
-    return np.stack([points[:-1], points[1:]], axis=1)
-
-
-def _lines(picture: np.ndarray, pieces: Float[np.ndarray, "pieces 2 2"], colour: BGR, thickness: int) -> None:
-    """The pieces, as far as they lie in the picture."""
-    height, width = picture.shape[:2]
-    inside = clipped(pieces, np.array([-2.0, -2.0]), np.array([width + 1.0, height + 1.0]))
-    fixed_point = np.round(inside * (1 << SUBPIXEL_BITS)).astype(np.int32)
-    cv2.polylines(picture, list(fixed_point), False, colour, thickness, cv2.LINE_AA, SUBPIXEL_BITS)
-
-
-def _circle(picture: np.ndarray, pixel: np.ndarray, radius: float, colour: BGR, thickness: int) -> None:
-    height, width = picture.shape[:2]
-    if (pixel > -50).all() and pixel[0] < width + 50 and pixel[1] < height + 50:
-        x, y, r = (round(float(value) * (1 << SUBPIXEL_BITS)) for value in (*pixel, radius))
-        cv2.circle(picture, (x, y), r, colour, thickness, cv2.LINE_AA, SUBPIXEL_BITS)
+def _label(track: PlayerTrack, index: int) -> str:
+    """Who it is, and how well the place is known."""
+    name = str(track.identity[index]) or track.name
+    std = np.sqrt(max(float(np.linalg.eigvalsh(np.nan_to_num(track.root_cov[index]))[-1]), 0.0))
+    return f"{name} {'' if track.status[index] == 'measured' else track.status[index] + ' '}+-{std:.2f} m"
