@@ -10,7 +10,9 @@ from .console import option_error, print_error
 from .output import OutputFolder, prepare_output
 from .simulate import picture_size
 from .trade_ball import trade_ball3d
-from .trade_jobs import NOTHING_USABLE, JobProgress, failed_inputs, told
+from .trade_jobs import NOTHING_USABLE, carried_out
+from .trade_pipeline import trade_pipeline
+from .trade_players import trade_players
 
 if TYPE_CHECKING:
     from pgm_data.stages.trade_calibrate import TradeOptions
@@ -57,7 +59,13 @@ class CalibrateTrade:
 def main(argv: list[str]) -> int:
     """Run the command; its exit code."""
     return tyro.extras.subcommand_cli_from_dict(
-        {"calibrate": _calibrate, "simulate": _simulate, "ball3d": trade_ball3d},
+        {
+            "calibrate": _calibrate,
+            "simulate": _simulate,
+            "players": trade_players,
+            "ball3d": trade_ball3d,
+            "pipeline": trade_pipeline,
+        },
         args=argv,
         prog="pgm trade",
         description="Accuracy against time of every preset of a stage, on data with truth.",
@@ -133,26 +141,13 @@ def _simulate(options: Annotated[SimulateTrade, tyro.conf.arg(name="")]) -> int:
 def _calibrate(options: Annotated[CalibrateTrade, tyro.conf.arg(name="")]) -> int:
     """Error, time, memory and false cameras of every preset of pgm-calibrate, on clips whose truth is known."""
     _check(options)
-    from datetime import UTC, datetime
-
-    from pgm_data.dataset.documents import write_document
-    from pgm_data.provenance import run_document
     from pgm_data.stages.trade_calibrate import run_trade
 
-    started = datetime.now(UTC)
-    with prepare_output(options.out, resume=options.resume, overwrite=options.overwrite) as folder:
-        progress = JobProgress()
-        try:
-            outcome = run_trade(_trade(options, folder), on_event=progress.tell, on_jobs=progress.begin)
-        except ValueError as error:
-            print_error(str(error))
-            return NOTHING_USABLE
-        finally:
-            progress.close()
-        inputs = failed_inputs(outcome.failed)
-        document = run_document(command="pgm trade calibrate", options=options, started=started, inputs=inputs)
-        write_document(options.out / "run.json", "run", document)
-    return told(outcome.figures.table(), outcome.failed, outcome.scored, options.out)
+    return carried_out(
+        "calibrate",
+        options,
+        lambda folder, progress: run_trade(_trade(options, folder), on_event=progress.tell, on_jobs=progress.begin),
+    )
 
 
 def _check(options: CalibrateTrade) -> None:

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from .console import option_error, print_error
-from .output import OutputFolder, prepare_output
-from .trade_jobs import NOTHING_USABLE, JobProgress, failed_inputs, told
+from .console import option_error
+from .output import OutputFolder
+from .trade_jobs import carried_out
 
 if TYPE_CHECKING:
     from pgm_data.stages.trade_ball import BallTradeOptions
@@ -62,26 +62,15 @@ class BallTrade:
 def trade_ball3d(options: Annotated[BallTrade, tyro.conf.arg(name="")]) -> int:
     """Error, coverage, time and failures of every method and preset of pgm-ball3d, where the truth is known."""
     _check(options)
-    from datetime import UTC, datetime
-
-    from pgm_data.dataset.documents import write_document
-    from pgm_data.provenance import run_document
     from pgm_data.stages.trade_ball import run_ball_trade
 
-    started = datetime.now(UTC)
-    with prepare_output(options.out, resume=options.resume, overwrite=options.overwrite) as folder:
-        progress = JobProgress()
-        try:
-            outcome = run_ball_trade(_trade(options, folder), on_event=progress.tell, on_jobs=progress.begin)
-        except ValueError as error:
-            print_error(str(error))
-            return NOTHING_USABLE
-        finally:
-            progress.close()
-        inputs = failed_inputs(outcome.failed)
-        document = run_document(command="pgm trade ball3d", options=options, started=started, inputs=inputs)
-        write_document(options.out / "run.json", "run", document)
-    return told(outcome.table, outcome.failed, outcome.scored, options.out)
+    return carried_out(
+        "ball3d",
+        options,
+        lambda folder, progress: run_ball_trade(
+            _trade(options, folder), on_event=progress.tell, on_jobs=progress.begin
+        ),
+    )
 
 
 def _check(options: BallTrade) -> None:

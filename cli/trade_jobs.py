@@ -1,16 +1,55 @@
 """What the trades that run jobs share: their progress, and what is told of them at the end."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from .console import Progress, print_error
+from .output import OutputFolder, prepare_output
 
 if TYPE_CHECKING:
     from pgm_data.stages.jobs import JobEvent, JobOutcome
 
 SOME_INPUTS_FAILED, NOTHING_USABLE = 3, 4
 FAILURES_SHOWN = 20
+
+
+class TradeCommand(Protocol):
+    """Options that all of them have."""
+
+    @property
+    def out(self) -> Path:
+        """Folder to write into."""
+        ...
+
+    @property
+    def resume(self) -> bool:
+        """Go on."""
+        ...
+
+    @property
+    def overwrite(self) -> bool:
+        """Begin again."""
+        ...
+
+
+class TradeOutcome(Protocol):
+    """What a trade comes to."""
+
+    @property
+    def table(self) -> str:
+        """All tables in Markdown."""
+        ...
+
+    @property
+    def failed(self) -> "Sequence[JobOutcome]":
+        """Jobs that came to nothing."""
+        ...
+
+    @property
+    def scored(self) -> int:
+        """Rows of figures."""
+        ...
 
 
 class JobProgress:
@@ -44,6 +83,35 @@ def failed_inputs(failed: Sequence["JobOutcome"]) -> list[dict]:
         {"path": job.name, "state": "failed", "reason": job.reason, "clips": [], "seconds": job.seconds}
         for job in failed
     ]
+
+
+def carried_out(stage: str, options: TradeCommand, run: "Callable[[OutputFolder, JobProgress], TradeOutcome]") -> int:
+    """Run a trade into its folder, with progress, and write the run's document; the exit code.
+
+    Args:
+        stage: What is traded.
+        options: As given, for the document.
+        run: The trade itself.
+    """
+    from datetime import UTC, datetime
+
+    from pgm_data.dataset.documents import write_document
+    from pgm_data.provenance import run_document
+
+    started = datetime.now(UTC)
+    with prepare_output(options.out, resume=options.resume, overwrite=options.overwrite) as folder:
+        progress = JobProgress()
+        try:
+            outcome = run(folder, progress)
+        except ValueError as error:
+            print_error(str(error))
+            return NOTHING_USABLE
+        finally:
+            progress.close()
+        inputs = failed_inputs(outcome.failed)
+        document = run_document(command=f"pgm trade {stage}", options=options, started=started, inputs=inputs)
+        write_document(options.out / "run.json", "run", document)
+    return told(outcome.table, outcome.failed, outcome.scored, options.out)
 
 
 def told(table: str, failed: Sequence["JobOutcome"], scored: int, out: Path) -> int:

@@ -148,6 +148,11 @@ class TradeOutcome:
     scored: int
     """Jobs that gave figures."""
 
+    @property
+    def table(self) -> str:
+        """All tables in Markdown."""
+        return self.figures.table()
+
 
 def run_trade(
     options: TradeOptions, *, on_event: Callable[[JobEvent], None], on_jobs: Callable[[int], None]

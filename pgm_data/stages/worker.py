@@ -19,6 +19,7 @@ from pgm_data.dataset.files import whole_file
 STAGES: dict[str, tuple[str, str]] = {
     "ball3d": ("pgm_data.stages.ball_clips", "run_job"),
     "calibrate": ("pgm_data.stages.calibrate", "run_job"),
+    "players": ("pgm_data.stages.players_clips", "run_job"),
 }
 """Module and function of each stage; the function takes the job's arguments and a report of progress."""
 
