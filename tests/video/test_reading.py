@@ -321,3 +321,34 @@ def test_luma_of_a_real_clip_is_opencvs_grey(real_data: Path) -> None:
             difference = scaled_luma(frame.luma) - cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY)
             # OpenCV weighs colours by BT.601, this clip's luma by BT.709: they part on its blue court.
             assert np.abs(difference).mean() < 5
+
+
+@pytest.mark.parametrize(
+    ("name", "codec", "options"),
+    [
+        ("a.mp4", "libx264", {"crf": "8", "g": "12", "bf": "2"}),
+        ("a.mkv", "libx264", {"crf": "8", "g": "500"}),
+        ("a.avi", "mjpeg", {}),
+    ],
+)
+@pytest.mark.parametrize("first", [1, 13, 39])
+def test_reading_from_a_frame_on_gives_what_reading_all_gives(
+    tmp_path: Path, name: str, codec: str, options: dict[str, str], first: int
+) -> None:
+    pixel_format = "yuvj420p" if codec == "mjpeg" else "yuv420p"
+    path = encode(tmp_path / name, drawn_pictures(40), codec=codec, pixel_format=pixel_format, options=options)
+    with open_video(path) as reader:
+        whole = [(frame.video_frame, frame.timestamp, frame.bgr()) for frame in reader]
+    with open_video(path, start=whole[first][:2]) as reader:
+        part = [(frame.video_frame, frame.timestamp, frame.bgr()) for frame in reader]
+    assert [row[:2] for row in part] == [row[:2] for row in whole[first:]]
+    for one, other in zip(part, whole[first:], strict=True):
+        np.testing.assert_array_equal(one[2], other[2])
+
+
+def test_a_frame_whose_time_the_file_does_not_give_is_counted_to(tmp_path: Path) -> None:
+    path = encode(tmp_path / "a.mp4", drawn_pictures(10))
+    with open_video(path, start=(4, 123.0)) as reader:
+        assert next(iter(reader)).video_frame == 4
+    with pytest.raises(VideoError, match="a frame 12"):
+        open_video(path, start=(12, 123.0))
