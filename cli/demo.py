@@ -1,4 +1,4 @@
-"""`pgm demo`: a short match drawn, its cameras and its ball found, checked, and compared with its exact truth."""
+"""`pgm demo`: a short match drawn, annotated, packed and checked, and compared with its exact truth."""
 
 import shutil
 from dataclasses import dataclass
@@ -7,13 +7,13 @@ from pathlib import Path
 from .console import UsageError, table_text
 from .output import STATE
 
-OURS = ("simulated", "work")
+OURS = ("simulated", "work", "dataset")
 """What a demo writes, each an output folder with its state inside; whatever else there is is left alone."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DemoOptions:
-    """Simulate a short match, find its cameras and its ball, check them against the truth; or take a video of yours."""
+    """Simulate a short match, find cameras, players, ball and words, pack and check them; or take a video of yours."""
 
     video: Path | None = None
     """A video of yours instead of a simulated match; there is no truth to compare it with."""
@@ -37,7 +37,7 @@ def main(argv: list[str]) -> int:
     if not 1 <= options.seconds <= 600:
         raise UsageError(f"--seconds: expected 1 to 600, got {options.seconds}")
     _clear(options.out)
-    simulated, work = options.out / "simulated", options.out / "work"
+    simulated, work, dataset = (options.out / name for name in OURS)
     if options.video is None:
         print(f"1. drawing {options.seconds:g} s of a match with a turning, zooming camera, repeated frames and cuts")
         code = _simulate(options, simulated)
@@ -51,24 +51,59 @@ def main(argv: list[str]) -> int:
     code = calibrate([str(source), "--out", str(work), "--scene", scene])
     if code not in (0, 3):
         return code
-    print("3. placing the ball in metres")
-    from .ball3d import main as ball3d
+    if any(work.glob("*/camera.parquet")):
+        stages = _annotated(work, scene)
+        if stages not in (0, 3, 4):
+            return stages
+        print("6. packing a dataset")
+        from .pack import main as pack
 
-    # A video of yours may have no ball in flight, and still has its cameras.
-    placed = ball3d([str(work)]) if code == 0 or any(work.glob("*/camera.parquet")) else 0
-    if placed not in (0, 3, 4):
-        return placed
-    print("4. checking what was written")
+        code = pack([str(work), "--out", str(dataset)]) or code
+    print("7. checking what was written")
     from .check import main as check
 
-    checked = check([str(work)])
+    checked = check([str(path) for path in (work, dataset) if path.exists()])
     if options.video is None:
-        print("5. comparing with the truth, which nothing above has seen")
+        print("8. comparing with the truth, which nothing above has seen")
         print(_compared(simulated, work))
+        print(_players_compared(simulated, work))
         print(_ball_compared(simulated, work))
     overlays = sorted(work.glob("*/overlay.mp4"))
     print(f"\nopen {work / 'report.html'}" + (f"\nand  {overlays[0]}" if overlays else ""))
+    if dataset.exists():
+        print(f"load {dataset} with pandas, DuckDB or Hugging Face datasets; its README.md says how")
     return checked or code
+
+
+def _annotated(work: Path, scene: str) -> int:
+    """Players, ball and words, as far as the scene has them; the first exit code that ends the demo, else 0."""
+    from pgm_data.scene import load_scene
+
+    declared = load_scene(scene)
+    if declared.players:
+        from .players import main as players
+        from .weights import main as weights
+
+        print("3. players: fetching the pose weights where they are missing, then skeletons on the court")
+        if weights(["pose"]):
+            print("   without them players are placed by their boxes alone")
+        code = players([str(work)])
+        if code not in (0, 3, 4):
+            return code
+    if declared.ball is not None and declared.court is not None:
+        print("4. placing the ball in metres")
+        from .ball3d import main as ball3d
+
+        # A video of yours may have no ball in flight, and still has its cameras.
+        code = ball3d([str(work)])
+        if code not in (0, 3, 4):
+            return code
+    if declared.players:
+        print("5. saying what each player does")
+        from .caption import main as caption
+
+        return caption([str(work)])
+    return 0
 
 
 def _clear(out: Path) -> None:
@@ -126,6 +161,43 @@ def _compared(simulated: Path, work: Path) -> str:
         ("rms error of the court's lines", "-" if score.court_px is None else f"{score.court_px:.3f} px"),
     ]
     return table_text(("against the truth", ""), rows)
+
+
+def _players_compared(simulated: Path, work: Path) -> str:
+    """A table of the players' errors against the truth."""
+    import numpy as np
+
+    from pgm_data.dataset.clip_players import read_clip_players
+    from pgm_data.scene import load_scene
+
+    scene = load_scene("tennis")
+    truth = [read_clip_players(p.parent, scene) for p in sorted((simulated / "work").glob("*/players.parquet"))]
+    solved = [read_clip_players(p.parent, scene) for p in sorted(work.glob("*/players.parquet"))]
+    rows: list[tuple[str, object]] = []
+    for number, player in enumerate(scene.players):
+        true_root, true_joints = (
+            {
+                int(frame): values
+                for clip in truth
+                for frame, values in zip(clip.video_frame, getattr(clip.players[number], name), strict=True)
+            }
+            for name in ("root_position", "joints")
+        )
+        errors, joint_errors = [], []
+        for clip in solved:
+            track = clip.players[number]
+            for row, frame in enumerate(clip.video_frame.tolist()):
+                if frame in true_root and track.status[row] != "none":
+                    errors.append(np.linalg.norm(track.root_position[row] - true_root[frame]))
+                    joint_errors.append(np.linalg.norm(track.joints[row] - true_joints[frame], axis=-1).mean())
+        joints = np.array([error for error in joint_errors if np.isfinite(error)])
+        median = f"{100 * float(np.nanmedian(errors)):.0f} cm" if errors else "-"
+        rows.append((f"{player.name}: frames placed / there", f"{len(errors)} / {len(true_root)}"))
+        rows.append((f"{player.name}: error of the root, median", median))
+        rows.append(
+            (f"{player.name}: error of the joints, median", f"{100 * np.median(joints):.0f} cm" if len(joints) else "-")
+        )
+    return table_text(("players against the truth", ""), rows)
 
 
 def _ball_compared(simulated: Path, work: Path) -> str:

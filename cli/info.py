@@ -8,6 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from .console import table_text
+from .weights import weights_rows
 
 EXTRAS: dict[str, tuple[str, ...]] = {
     "text": ("tokenizers",),
@@ -38,6 +39,18 @@ class Weights:
 
 
 @dataclass(frozen=True, kw_only=True)
+class FetchedWeights:
+    """A file of weights that are fetched and not bundled."""
+
+    weights: str
+    """What `pgm weights` calls them."""
+    name: str
+    bytes: int
+    here: str
+    """`yes`, `no`, or `another` where a file of that name has other contents."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Installation:
     """What is installed here."""
 
@@ -48,6 +61,9 @@ class Installation:
     devices: dict[str, list[str]]
     """What torch and onnxruntime can run on."""
     weights: list[Weights]
+    fetched_weights: list[FetchedWeights]
+    weights_folder: str
+    """Where fetched weights are looked for."""
     scenes: list[str]
     extras: dict[str, bool]
     """Whether all that an extra brings is there."""
@@ -56,6 +72,7 @@ class Installation:
 def installation() -> Installation:
     """What is installed here."""
     from pgm_data.provenance import commit, machine, versions
+    from pgm_data.weights import weights_folder
 
     return Installation(
         versions=versions(),
@@ -63,6 +80,8 @@ def installation() -> Installation:
         machine=machine(),
         devices=devices(),
         weights=bundled_weights(),
+        fetched_weights=fetched_weights(),
+        weights_folder=str(weights_folder()),
         scenes=bundled_scenes(),
         extras={name: all(find_spec(module) for module in modules) for name, modules in EXTRAS.items()},
     )
@@ -88,6 +107,16 @@ def bundled_weights() -> list[Weights]:
     ]
 
 
+def fetched_weights() -> list[FetchedWeights]:
+    """The files that `pgm weights` fetches, and whether they are here."""
+    from pgm_data.weights import weights_folder
+
+    return [
+        FetchedWeights(weights=weights, name=name, bytes=size, here=here)
+        for weights, name, size, here, _ in weights_rows(weights_folder())
+    ]
+
+
 def bundled_scenes() -> list[str]:
     """Names of the scenes inside the package."""
     return sorted(Path(entry.name).stem for entry in files("pgm_data.scenes").iterdir() if entry.name.endswith(".yaml"))
@@ -96,6 +125,7 @@ def bundled_scenes() -> list[str]:
 def as_text(found: Installation) -> str:
     """The installation as tables for a person."""
     weights = [(entry.name, entry.bytes, entry.sha256) for entry in found.weights]
+    fetched = [(entry.weights, entry.name, entry.bytes, entry.here) for entry in found.fetched_weights]
     machine = [
         (name.removesuffix("_bytes"), f"{int(value) / 2**30:.1f} GiB" if name.endswith("_bytes") else value)
         for name, value in found.machine.items()
@@ -112,6 +142,7 @@ def as_text(found: Installation) -> str:
             table_text(("machine", ""), machine),
             "\n".join(f"{name:<8}{text}" for name, text in lines),
             table_text(("weights", "bytes", "sha256"), weights) if weights else "weights none bundled",
+            table_text(("fetched", "file", "bytes", "here"), fetched) + f"\nin {found.weights_folder}",
         ]
     )
 

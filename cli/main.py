@@ -36,10 +36,20 @@ VERBS: dict[str, Verb] = {
         summary="a camera for every frame of every video",
         example="pgm-calibrate matches/ --out work",
     ),
+    "players": Verb(
+        module="players",
+        summary="the players in metres: skeletons with their feet on the ground",
+        example="pgm players work",
+    ),
     "ball3d": Verb(
         module="ball3d",
         summary="the ball in metres: its flight, contacts and speeds",
         example="pgm-ball3d work",
+    ),
+    "caption": Verb(
+        module="caption",
+        summary="what each player does, in words",
+        example="pgm caption work",
     ),
     "view": Verb(
         module="view",
@@ -60,6 +70,11 @@ VERBS: dict[str, Verb] = {
         module="pack",
         summary="work folders into one dataset for training and for other tools",
         example="pgm pack work --out dataset",
+    ),
+    "stats": Verb(
+        module="stats",
+        summary="what a dataset holds: sequences, hours, frames, captions, words",
+        example="pgm stats dataset",
     ),
     "check": Verb(
         module="check",
@@ -85,6 +100,11 @@ VERBS: dict[str, Verb] = {
         module="demo",
         summary="simulate a short match, find cameras and ball, check them against the truth",
         example="pgm demo --out demo",
+    ),
+    "weights": Verb(
+        module="weights",
+        summary="fetch the networks that are not bundled",
+        example="pgm weights pose",
     ),
     "info": Verb(
         module="info",

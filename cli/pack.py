@@ -31,10 +31,16 @@ class PackCommand:
     """Folder to write into; it must be new or empty, or --overwrite be given."""
     scene: str = ""
     """A scene's name or file, for a scene that does not ship with pgm."""
-    videos: Literal["copy", "link", "none"] = "link"
-    """What becomes of the videos: copied, linked to where they are, or left out."""
+    videos: Literal["copy", "link", "encode", "none"] = "link"
+    """What becomes of the videos: copied, linked to where they are, encoded anew as H.264, or left out."""
     video_folder: Path | None = None
     """Folder of the source videos, where they are no longer where they were."""
+    height: int = 0
+    """Height of encoded videos, pixels; 0 keeps each as it is. Columns in pixels stay those of the source."""
+    crf: int = 20
+    """Quality of encoded videos, the same for every picture: 0 is lossless, 51 the worst."""
+    rate: float = 0.0
+    """Frames per second of encoded videos, for readers that want a constant rate; 0 keeps the times of each frame."""
     val_share: float = 0.1
     """Share of the matches kept for validation: at least one of three or more matches, unless 0."""
     test_share: float = 0.1
@@ -51,11 +57,15 @@ def main(argv: list[str]) -> int:
     _check_folders(command)
     from pgm_data.dataset.pack import write_dataset
     from pgm_data.dataset.pack_plan import PackOptions, plan_pack
+    from pgm_data.stages.encode_video import encode_video
 
     try:
         options = PackOptions(
             videos=command.videos,
             video_folder=command.video_folder,
+            height=command.height,
+            crf=command.crf,
+            rate=command.rate,
             val_share=command.val_share,
             test_share=command.test_share,
             file_mb=command.file_mb,
@@ -71,7 +81,11 @@ def main(argv: list[str]) -> int:
         progress = Progress(total=len(plan.clips), unit="clip")
         try:
             outcome = write_dataset(
-                plan, command.out, options, said=lambda clip, problem: progress.finish(clip.clip_id)
+                plan,
+                command.out,
+                options,
+                encode=encode_video,
+                said=lambda clip, problem: progress.finish(clip.clip_id),
             )
         finally:
             progress.close()

@@ -1,7 +1,6 @@
 """Frames of clips written as picture files, out of the videos they came from."""
 
 import hashlib
-import json
 from pathlib import Path
 from typing import Any
 
@@ -10,43 +9,27 @@ import cv2
 from pgm_data.convert.posed_pictures import FieldError, Problem
 from pgm_data.convert.timeline import Timeline
 from pgm_data.dataset.files import whole_file
+from pgm_data.dataset.source_video import VideoNotFound, find_source_video
 from pgm_data.video import VideoError, open_video
 
 JPEG_QUALITY = 95
 
 
 def source_video(work: Path, document: dict[str, Any], videos: Path | None) -> Path:
-    """The video of a clip: below `videos` where given, else as its path says beside or below the work folder.
-
-    Last it is looked for where the run that made the work folder read it.
+    """The video of a clip, looked for as `find_source_video` says, and the very file that the clip was made from.
 
     Raises:
-        FieldError: If it is not there, or is not the file the clip was made from.
+        FieldError: If it is not there, or is another file.
     """
-    source = Path(document["source_path"])
-    below = Path(*(part for part in source.parts if part != ".."))
-    places = [videos / below, videos / source.name] if videos is not None else [work / source, work.parent / below]
-    if videos is None:
-        places += [folder / part for folder in _read_folders(work) for part in (below, Path(source.name))]
-    path = next((place for place in places if place.is_file()), None)
-    if path is None:
-        looked = " or ".join(dict.fromkeys(str(place) for place in places[:3]))
-        raise FieldError("source_path", f"its video at {looked}", "nothing there")
+    try:
+        path = find_source_video(work, document, videos)
+    except VideoNotFound as error:
+        raise FieldError(error.field, error.expected, error.found) from error
     with path.open("rb") as file:
         found = hashlib.file_digest(file, "sha256").hexdigest()
     if found != document["sha256"]:
         raise FieldError("sha256", f"{document['sha256']}, of the video it was made from", f"{found} in {path}")
     return path
-
-
-def _read_folders(work: Path) -> list[Path]:
-    """Folders of the videos that the work folder's run was given; none where it does not say."""
-    try:
-        given = json.loads((work / "run.json").read_text(encoding="utf-8"))["options"]["videos"]
-        paths = [Path(name) for name in given]
-    except (OSError, ValueError, LookupError, TypeError):
-        return []
-    return list(dict.fromkeys(path if path.is_dir() else path.parent for path in paths))
 
 
 def write_frame_pictures(work: Path, timeline: Timeline, folder: Path, *, videos: Path | None) -> tuple[Problem, ...]:

@@ -1,5 +1,7 @@
 """TRACK.csv: a ball's track in the picture by somebody else's program, in any of the forms that such programs write.
 
+Ours is written in two forms: `frame,x,y,visible,timestamp`, and TrackNetV2's `Frame,Visibility,X,Y`.
+
 Pixels are those of a picture whose top-left pixel has its CENTRE at (0, 0). A row counts as not detected where it says
 so (visible 0), holds no coordinates, or (-1, -1), or without a column that tells, (0, 0).
 """
@@ -7,11 +9,13 @@ so (visible 0), holds no coordinates, or (-1, -1), or without a column that tell
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pgm_data.convert.loose_csv import LooseTable, read_loose_csv
+from pgm_data.dataset.files import whole_file
 from pgm_data.geometry.arrays import frozen
 
 LAST_FRAME = 2_000_000
@@ -31,6 +35,7 @@ ALIASES = {
     "score": ("score", "confidence", "conf", "probability", "prob"),
     "interpolated": ("interpolated", "isinterpolated", "inpainted", "inpaint", "inpaintmask", "filled"),
 }
+TrackForm = Literal["plain", "tracknet"]
 YES = {"true": 1.0, "yes": 1.0, "false": 0.0, "no": 0.0}
 
 
@@ -164,3 +169,45 @@ def _timestamps(table: LooseTable) -> Float[np.ndarray, " rows"]:
     if len(wrong):
         raise table.fault(int(wrong[0]), "timestamp", "a time in seconds above that of the row before")
     return times
+
+
+def write_track_csv(
+    path: Path,
+    *,
+    frame: Int[np.ndarray, " rows"],
+    pixels: Float[np.ndarray, "rows 2"],
+    timestamp: Float[np.ndarray, " rows"],
+    form: TrackForm = "plain",
+) -> None:
+    """Write a row a frame; pixels are those that `read_track_csv` reads back.
+
+    `plain`: `frame,x,y,visible,timestamp`, numbers to the last bit, no pixel where the ball was not detected.
+    `tracknet`: `Frame,Visibility,X,Y` with whole pixels and 0, 0 where it was not, as TrackNetV2 and V3 take them; it
+    loses up to half a pixel and the times.
+
+    Args:
+        path: The file.
+        frame: Frame of the video in a sequential decode, from 0; rising.
+        pixels: NaN where the ball was not detected; the centre of the top-left pixel is (0, 0).
+        timestamp: Presentation time, s.
+        form: Which of the two.
+
+    Raises:
+        ValueError: If frames do not rise or a pixel is NaN in part.
+    """
+    if (np.diff(frame) <= 0).any():
+        raise ValueError(f"{path}: frame: expected frames that rise, got others")
+    seen = np.asarray(np.isfinite(pixels).all(axis=1))
+    if not np.isnan(pixels[~seen]).all():
+        raise ValueError(f"{path}: pixels: expected both coordinates finite, or both NaN, got others")
+    if form == "plain":
+        lines = ["frame,x,y,visible,timestamp"]
+        for row, (x, y), time in zip(frame.tolist(), pixels.tolist(), timestamp.tolist(), strict=True):
+            lines.append(f"{row},{x!r},{y!r},1,{time!r}" if x == x else f"{row},,,0,{time!r}")
+    else:
+        whole = np.where(seen[:, None], np.rint(np.where(seen[:, None], pixels, 0.0)), 0.0).astype(np.int64)
+        lines = ["Frame,Visibility,X,Y"]
+        rows = zip(frame.tolist(), seen.tolist(), whole.tolist(), strict=True)
+        lines += [f"{row},{int(visible)},{x},{y}" for row, visible, (x, y) in rows]
+    with whole_file(path) as temporary:
+        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")

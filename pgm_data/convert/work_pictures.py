@@ -42,7 +42,7 @@ def work_pictures(work: Path, *, every: int, folder: str = "", suffix: str = ".j
     if not folders:
         raise ValueError(f"{work}: expected a work folder with clips, got no clip.json in its folders")
     tracks = {folder.name: read_clip_camera(folder) for folder in folders}
-    clips = {folder.name: _timeline(folder, tracks[folder.name]) for folder in folders}
+    clips = {folder.name: clip_timeline(folder, tracks[folder.name]) for folder in folders}
     plain = dict(zip(tracks, plain_names(tuple(tracks)), strict=True))
     shown: dict[str, FrameOf] = {}
     left_out: list[LeftOut] = []
@@ -83,7 +83,12 @@ def plain_names(names: tuple[str, ...], *, taken: tuple[str, ...] = ()) -> tuple
     return tuple(plain)
 
 
-def _timeline(folder: Path, track: ClipCamera) -> ClipTimeline:
+def clip_timeline(folder: Path, track: ClipCamera) -> ClipTimeline:
+    """The time line of a clip, whose camera table has a row for each of its frames.
+
+    Raises:
+        ValueError: If it has not, or its clip.json cannot be read.
+    """
     document = read_document(folder / "clip.json", "clip")
     if document["n_frames"] != len(track.status):
         path = folder / "camera.parquet"

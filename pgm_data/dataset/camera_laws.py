@@ -6,6 +6,7 @@ import numpy as np
 
 from pgm_data.dataset.documents import Fault
 from pgm_data.dataset.laws import (
+    LATEST_S,
     Columns,
     Context,
     covariance_faults,
@@ -21,6 +22,9 @@ FARTHEST_M = 1000.0
 """No camera is farther from the world's origin, metres."""
 DISTORTION_LIMITS = (1e6, 1e12, 1e3, 1e3)
 """Largest k1, k2, p1, p2. Counted in focal lengths: at 100,000 px, k1 of an ordinary lens reaches thousands."""
+
+CAPTURE_S = 1.0
+"""Seconds by which the moment a picture was taken may wander against the moment it is shown."""
 
 POSE = ("camera.K", "camera.distortion", "camera.R_cam_from_world", "camera.t_cam_from_world")
 UNCERTAINTY = ("camera.position_cov", "camera.focal_std_px")
@@ -84,6 +88,12 @@ def capture_time_faults(columns: Columns) -> Iterator[Fault]:
         return
     time = columns["frame.capture_time"]
     yield from time_faults("frame.capture_time", time)
+    if len(time) and "timestamp" in columns and len(columns["timestamp"]) == len(time):
+        early = columns["timestamp"] - time
+        sane = np.abs(columns["timestamp"]) <= LATEST_S
+        off = sane & (np.abs(early - np.median(early)) > CAPTURE_S)
+        expected = f"as long before timestamp as in most frames, within {CAPTURE_S:g} s"
+        yield from rows_fault("frame.capture_time", off, expected, early)
     if len(time) < 2:
         return
     later = np.concatenate([[True], time[1:] > time[:-1]])

@@ -15,12 +15,12 @@ from pgm_data.dataset.clip_ball import BALL_TABLES
 from pgm_data.dataset.clip_check import CheckedClip, check_clip, shipped_scene
 from pgm_data.dataset.clip_laws import ball_event_faults, flight_event_faults
 from pgm_data.dataset.columns import TABLES, table_names
-from pgm_data.dataset.dataset_check import check_dataset, is_dataset
+from pgm_data.dataset.dataset_check import check_dataset, is_dataset, twin_faults
 from pgm_data.dataset.document_schemas import document_kinds
 from pgm_data.dataset.documents import YAML_SUFFIXES, Fault, parse_document
 from pgm_data.dataset.findings import Checked, Findings, Violation
 from pgm_data.dataset.laws import Context, as_text
-from pgm_data.dataset.table_check import table_faults
+from pgm_data.dataset.table_check import checked_table
 from pgm_data.dataset.tables import open_table
 from pgm_data.scene import Scene
 
@@ -110,8 +110,9 @@ def _check_track(folder: Path, findings: Findings) -> None:
         if findings.expect(path):
             findings.files.append(path)
             scene = findings.scene or _scene_in_metadata(path)
-            tables[name], faults = table_faults(path, name, Context(scene=scene))
-            findings.add(path, faults)
+            checked = checked_table(path, name, Context(scene=scene))
+            tables[name] = checked.columns
+            findings.add(path, checked.faults)
     if len(tables) == len(BALL_TABLES):
         findings.add(folder / "ball_shots.parquet", flight_event_faults(tables["ball_shots"], tables["events"]))
         findings.add(folder / "ball.parquet", ball_event_faults(tables["ball"], tables["events"]))
@@ -128,7 +129,7 @@ def _check_file(path: Path, findings: Findings) -> None:
         if scene is None and TABLES[kind].needs:
             findings.say(path, "pgm.scene", "a scene that ships with the package in the metadata, or --scene", "none")
         else:
-            findings.add(path, table_faults(path, kind, Context(scene=scene))[1])
+            findings.add(path, checked_table(path, kind, Context(scene=scene)).faults)
     else:
         findings.document(path, kind)
 
@@ -171,15 +172,24 @@ def _check_work(work: Path, findings: Findings) -> None:
         findings.document(work / "run_ball3d.json", "run")
     folders = sorted(p for p in work.iterdir() if p.is_dir() and p.name != STATE_FOLDER and _is_clip(p))
     clips = {folder.name: _check_clip(folder, findings) for folder in folders}
+    findings.add(work, twin_faults(_named(clips)))
     path = work / "shots.parquet"
     if findings.expect(path):
         findings.files.append(path)
-        shots, faults = table_faults(path, "shots", Context(scene=None))
-        findings.add(path, faults)
-        findings.add(path, _shots_of_clips(shots, clips))
+        shots = checked_table(path, "shots", Context(scene=None))
+        findings.add(path, shots.faults)
+        findings.add(path, _shots_of_clips(shots.columns, clips))
     for name in TABLES:
         if name != "shots" and (work / f"{name}.parquet").exists():
             findings.say(work / f"{name}.parquet", "", "no such file here: it belongs into a clip's folder", name)
+
+
+def _named(clips: dict[str, CheckedClip]) -> dict[str, list]:
+    """What tells the pictures of the clips, as a dataset's table of episodes has it."""
+    known = [clip.document for clip in clips.values() if clip.document is not None]
+    names = {"clip_id": "clip_id", "sha256": "sha256", "source_path": "source_path", "length": "n_frames"}
+    names["first_video_frame"] = "first_video_frame"
+    return {column: [document[name] for document in known] for column, name in names.items()}
 
 
 def _check_clip(folder: Path, findings: Findings) -> CheckedClip:

@@ -6,19 +6,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from pgm_data.dataset.clip_laws import (
     ball_event_faults,
+    caption_time_faults,
     event_frame_faults,
     flight_event_faults,
     misaligned_faults,
+    net_faults,
     player_speed_faults,
     unsolved_faults,
 )
 from pgm_data.dataset.columns import TABLES
 from pgm_data.dataset.findings import Findings
 from pgm_data.dataset.laws import Context, declared_keys
-from pgm_data.dataset.table_check import table_faults
+from pgm_data.dataset.table_check import checked_table
 from pgm_data.scene import Scene, load_scene
 
 
@@ -32,6 +35,8 @@ class CheckedClip:
     """None where nobody knows the one it names."""
     tables: dict[str, dict[str, np.ndarray]]
     """By table, the columns that are what they must be; tables that are not there are absent."""
+    contents: dict[str, pa.Table]
+    """The same as they are stored."""
 
     @property
     def keys(self) -> dict[str, np.ndarray]:
@@ -58,6 +63,7 @@ def check_clip(folder: Path, findings: Findings) -> CheckedClip:
     context = _context(folder, document, findings)
     findings.expect(folder / "camera.parquet")
     tables: dict[str, dict[str, np.ndarray]] = {}
+    contents: dict[str, pa.Table] = {}
     for table in TABLES:
         path = folder / f"{table}.parquet"
         if not path.exists():
@@ -68,9 +74,12 @@ def check_clip(folder: Path, findings: Findings) -> CheckedClip:
         findings.files.append(path)
         if context.scene is None and TABLES[table].needs:
             continue  # clip.json has been reported, and without its scene nobody can say which columns there are
-        tables[table], faults = table_faults(path, table, context)
-        findings.add(path, faults)
-    clip = CheckedClip(document=document, scene=context.scene, tables=tables)
+        checked = checked_table(path, table, context)
+        findings.add(path, checked.faults)
+        tables[table] = checked.columns
+        if checked.content is not None:
+            contents[table] = checked.content
+    clip = CheckedClip(document=document, scene=context.scene, tables=tables, contents=contents)
     _check_agreement(folder, clip, findings)
     return clip
 
@@ -90,6 +99,10 @@ def _check_agreement(folder: Path, clip: CheckedClip, findings: Findings) -> Non
         findings.add(folder / "players.parquet", player_speed_faults(tables["players"], clip.keys, clip.scene))
     if "events" in tables and clip.keys:
         findings.add(folder / "events.parquet", event_frame_faults(tables["events"], clip.keys))
+    if "captions" in tables and clip.keys:
+        findings.add(folder / "captions.parquet", caption_time_faults(tables["captions"], clip.keys))
+    if "events" in tables and "ball" in tables and clip.keys:
+        findings.add(folder / "ball.parquet", net_faults(tables["ball"], tables["events"], clip.keys, clip.scene))
     if "events" in tables and "ball" in tables:
         findings.add(folder / "ball.parquet", ball_event_faults(tables["ball"], tables["events"]))
 

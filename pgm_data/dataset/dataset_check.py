@@ -1,7 +1,8 @@
 """A packed dataset against the contract: what it says of itself, and then every row of it."""
 
 import re
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,12 +10,13 @@ import numpy as np
 import pyarrow as pa
 
 from pgm_data.dataset.clip_check import shipped_scene
-from pgm_data.dataset.dataset_columns import DATA_PATH, EPISODES_PATH, VIDEO_KEY, data_columns
+from pgm_data.dataset.dataset_columns import DATA_PATH, EPISODES_PATH, NO_VIDEO, VIDEO_KEY, data_columns
 from pgm_data.dataset.document_schemas import RELATIVE_PATH
 from pgm_data.dataset.documents import Fault, parse_document
 from pgm_data.dataset.findings import Findings
 from pgm_data.dataset.laws import as_text
 from pgm_data.dataset.pack_meta import episode_schema, feature_of
+from pgm_data.dataset.pack_sums import check_sums
 from pgm_data.dataset.rows_check import check_rows
 from pgm_data.dataset.tables import open_table, stored_schema
 from pgm_data.scene import Scene
@@ -53,6 +55,7 @@ def check_dataset(folder: Path, findings: Findings) -> None:
     if episodes is not None:
         findings.add(folder / EPISODES_PATH.format(chunk_index=0, file_index=0), _video_faults(folder, episodes))
         check_rows(folder, info, episodes, scene, findings)
+    check_sums(folder, findings)
 
 
 def _info_faults(info: Info, scene: Scene) -> Iterator[Fault]:
@@ -204,9 +207,43 @@ def _episode_faults(episodes: Episodes, info: Info) -> Iterator[Fault]:
         expected = f"{info['total_frames']} at the end, total_frames of info.json"
         yield Fault(field="dataset_to_index", expected=expected, found=f"{frames}")
     if len(set(episodes["clip_id"])) < count:
-        twice = next(name for name in episodes["clip_id"] if episodes["clip_id"].count(name) > 1)
+        twice = Counter(episodes["clip_id"]).most_common(1)[0][0]
         yield Fault(field="clip_id", expected="every clip once", found=f"{twice!r} more than once")
     yield from _split_faults(episodes, info["splits"])
+    yield from twin_faults(episodes)
+
+
+def twin_faults(clips: Mapping[str, Sequence[Any]]) -> Iterator[Fault]:
+    """Pictures that are there twice, one video under two names, and videos that splits divide.
+
+    Videos are told apart by what they hold. Identities are not looked at: they name a person within one match, so
+    the same word in two matches says nothing, and one player meets many opponents.
+
+    Args:
+        clips: Columns of `meta/episodes`, or the same of `clip.json` of many clips; `split` may be absent.
+    """
+    seen: dict[str, list[int]] = {}
+    for row, video in enumerate(clips["sha256"]):
+        if video == NO_VIDEO:
+            continue
+        others = seen.setdefault(video, [])
+        name = clips["clip_id"][row]
+        for other in others:
+            if clips["first_video_frame"][row] < clips["first_video_frame"][other] + clips["length"][other] and (
+                clips["first_video_frame"][other] < clips["first_video_frame"][row] + clips["length"][row]
+            ):
+                expected = f"pictures that no other clip shows; those of {as_text(clips['clip_id'][other])} overlap"
+                yield Fault(field="sha256", expected=expected, found=f"the same video in row {row}, {as_text(name)}")
+                return
+        for column, expected in (
+            ("source_path", "one name for one video"),
+            ("split", "one video in one split: splits never divide a match"),
+        ):
+            if others and column in clips and clips[column][row] != clips[column][others[0]]:
+                both = f"{as_text(clips[column][others[0]])} and {as_text(clips[column][row])} in row {row}"
+                yield Fault(field=column, expected=expected, found=both)
+                return
+        others.append(row)
 
 
 def _split_faults(episodes: Episodes, splits: dict[str, str]) -> Iterator[Fault]:

@@ -1,5 +1,6 @@
 """Columns of a packed dataset, and where its files lie: LeRobot's layout, filled with the contract's tables."""
 
+import hashlib
 from collections.abc import Collection
 from dataclasses import replace
 
@@ -17,6 +18,10 @@ VIDEO_KEY = "observation.images.main"
 FILES_PER_CHUNK = 1000
 SPLITS = ("train", "val", "test")
 """In this order of episodes, so that each split is a range of them."""
+NO_VIDEO = hashlib.sha256().hexdigest()
+"""Of an empty file: what stands for the video of a simulator that drew no pictures."""
+SUMS_PATH = "meta/sha256sums.txt"
+"""What every file but the card holds, as `sha256sum --check` reads it."""
 
 ROW_TABLES = ("captions", "events", "ball_shots")
 """Tables of a clip that are not frame-aligned; each becomes a configuration of its own."""

@@ -41,8 +41,9 @@ def rows_fault(
     field: str, bad: ArrayLike, expected: str, shown: Sequence | np.ndarray | Callable[[int], object]
 ) -> Iterator[Fault]:
     """One fault for all rows that are bad: the first row's value, and how many more there are."""
-    rows = np.flatnonzero(bad)
-    if len(rows):
+    bad = np.asarray(bad)
+    if np.count_nonzero(bad):
+        rows = np.flatnonzero(bad)
         first = int(rows[0])
         value = shown(first) if callable(shown) else shown[first]
         more = f" and {len(rows) - 1} more" if len(rows) > 1 else ""
@@ -75,14 +76,17 @@ def value_faults(columns: Columns, declared: Sequence[Column]) -> Iterator[Fault
                 column.name, not_among(values, column.allowed), f"one of {', '.join(column.allowed)}", values
             )
         if column.type in ("float", "double"):
-            infinite = np.isinf(per_row(values)).any(axis=1)
-            yield from rows_fault(column.name, infinite, "finite numbers or NaN", values)
+            infinite = np.isinf(values)
+            if np.count_nonzero(infinite):
+                yield from rows_fault(column.name, per_row(infinite).any(axis=1), "finite numbers or NaN", values)
 
 
 def not_among(words: np.ndarray, allowed: Sequence[str]) -> np.ndarray:
     """Which words are none of those allowed."""
     # No numpy text: it would pad every row to the longest word of a file that nobody vouches for.
     known = set(allowed)
+    if known.issuperset(words):
+        return np.zeros(len(words), dtype=bool)
     return np.array([word not in known for word in words], dtype=bool)
 
 
@@ -176,6 +180,28 @@ def missing_faults(columns: Columns, names: Sequence[str], status: np.ndarray, s
         if name in columns:
             bad = (status == "none") & ~np.isnan(per_row(columns[name])).all(axis=1)
             yield from rows_fault(name, bad, f"NaN, since {status_name} is none", columns[name])
+
+
+def torn_faults(columns: Columns, names: Sequence[str], size: int = 0) -> Iterator[Fault]:
+    """Vectors that are NaN in part: of the whole row, or of each `size` numbers of it."""
+    for name in names:
+        if name in columns:
+            missing = np.isnan(columns[name])
+            together = size or missing.shape[1]
+            if np.count_nonzero(missing):
+                count = missing.reshape(len(missing), missing.shape[1] // together, together).sum(axis=2)
+                torn = np.any((count > 0) & (count < together), axis=1)
+                expected = f"numbers, or NaN in all {together} that belong together"
+                yield from rows_fault(name, torn, expected, columns[name])
+
+
+def there_faults(columns: Columns, names: Sequence[str], status: np.ndarray, status_name: str) -> Iterator[Fault]:
+    """Values that are missing although the status says that there are some."""
+    present = status != "none"
+    for name in names:
+        if name in columns:
+            bad = present & np.isnan(per_row(columns[name])).any(axis=1)
+            yield from rows_fault(name, bad, f"numbers, since {status_name} is not none", columns[name])
 
 
 def shots_faults(columns: Columns) -> Iterator[Fault]:

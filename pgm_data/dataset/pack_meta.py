@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -18,6 +17,7 @@ from pgm_data.dataset.dataset_columns import (
     FILES_PER_CHUNK,
     LAYOUT_VERSION,
     SPLITS,
+    SUMS_PATH,
     VIDEO_KEY,
     VIDEO_PATH,
 )
@@ -26,10 +26,15 @@ from pgm_data.dataset.pack_plan import PlannedClip
 from pgm_data.dataset.pack_rate import Rate
 from pgm_data.dataset.pack_shards import Shard
 from pgm_data.dataset.pack_videos import PlacedVideo, VideoPicture
+from pgm_data.dataset.stats import DatasetStats, dataset_stats
+from pgm_data.dataset.stats_histograms import histograms_of
+from pgm_data.dataset.stats_table import stats_table, write_stats
 from pgm_data.dataset.tables import ROW_GROUP, storage
 from pgm_data.scene import Scene
 
 VIDEO_FILE_MB = 200
+SUMMARY_FOLDER = "meta/summary"
+"""Numbers and pictures of what the dataset holds, for its card."""
 LEROBOT_TYPES = {"float": "float32", "double": "float64"}
 """LeRobot's words for types where they are not ours."""
 
@@ -94,13 +99,15 @@ class Contents:
 
 
 def write_meta(folder: Path, contents: Contents, stats: Mapping[str, Any]) -> None:
-    """Write `meta` and `README.md` into the folder."""
+    """Write `meta` and `README.md` into the folder, which holds all else but the videos' checksums."""
     (folder / "meta").mkdir(parents=True)
     write_document(folder / "meta" / "info.json", "dataset_info", info_document(contents))
     (folder / "meta" / "stats.json").write_text(json.dumps(stats, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     _write_tasks(folder / "meta" / "tasks.parquet", [contents.task])
     _write_episodes(folder / EPISODES_PATH.format(chunk_index=0, file_index=0), contents)
-    (folder / "README.md").write_text(card_text(contents), encoding="utf-8")
+    counted = dataset_stats(folder)
+    write_stats(folder / SUMMARY_FOLDER, counted)
+    (folder / "README.md").write_text(card_text(contents, counted), encoding="utf-8")
 
 
 def info_document(contents: Contents) -> dict[str, Any]:
@@ -235,16 +242,20 @@ def _episode_row(number: int, episode: Episode, contents: Contents) -> dict[str,
 
 
 def _write_tasks(path: Path, tasks: Sequence[str]) -> None:
-    import pandas as pd
+    """The tasks, with what pandas wants to know to take `task` for the index; importing it would cost a second."""
+    kinds = {"task_index": "int64", "task": "unicode"}
+    pandas = {
+        "index_columns": ["task"],
+        "column_indexes": [{"name": None, "field_name": None, "pandas_type": "unicode", "numpy_type": "str"}],
+        "columns": [{"name": n, "field_name": n, "pandas_type": k, "numpy_type": k} for n, k in kinds.items()],
+    }
+    pandas["columns"][1]["numpy_type"] = "str"
+    content = pa.table({"task_index": pa.array(range(len(tasks)), pa.int64()), "task": pa.array(tasks, pa.string())})
+    pq.write_table(content.replace_schema_metadata({"pandas": json.dumps(pandas)}), path, compression="zstd")
 
-    frame = pd.DataFrame(
-        {"task_index": np.arange(len(tasks), dtype=np.int64)}, index=pd.Index(list(tasks), name="task")
-    )
-    pq.write_table(pa.Table.from_pandas(frame), path, compression="zstd")
 
-
-def card_text(contents: Contents) -> str:
-    """The dataset card: how to load it, and what a reader must know."""
+def card_text(contents: Contents, counted: DatasetStats) -> str:
+    """The dataset card: how to load it, what a reader must know, and what it holds."""
     lines = ["---", "license: unknown", f"tags: [LeRobot, pgm, {contents.scene.name}]", "configs:"]
     for name, shards in contents.shards.items():
         lines += [f"  - config_name: {'default' if name == 'data' else name}", "    data_files:"]
@@ -254,6 +265,15 @@ def card_text(contents: Contents) -> str:
                 lines += [f"      - split: {split}", "        path:", *(f"          - {file}" for file in files)]
     lines += ["---", "", f"# {contents.scene.name}: scenes in metres, frame by frame", ""]
     lines += _card_summary(contents)
+    lines += ["", "## What it holds", "", stats_table(counted), ""]
+    lines += [
+        "Captions count every text of a span, in whatever words; spans count once. Annotated frames have a camera and"
+    ]
+    lines += ["every player. Parts of speech are told by a lexicon and by rules; every `to` is a particle, as in the"]
+    lines += ["universal tag set, and articles are all determiners.", ""]
+    lines += [
+        f"![{histogram.title}]({SUMMARY_FOLDER}/{histogram.name}.svg)" for histogram in histograms_of(counted.whole)
+    ]
     lines += [
         "",
         "## Columns of `data`",
@@ -292,4 +312,8 @@ def _card_summary(contents: Contents) -> list[str]:
     if own:
         lines += [f"Tables of their own, joined to `data` by `episode_index`: {', '.join(f'`{n}`' for n in own)}.", ""]
     lines += ["World: metres, right-handed, z up. Camera: OpenCV axes. The centre of the top-left pixel is (0, 0)."]
+    lines += [
+        "Pixels are those of `width` x `height` in `meta/episodes`: a video of another size is to be scaled to them."
+    ]
+    lines += ["", f"`sha256sum --check {SUMS_PATH}` says whether every file is as it was packed."]
     return lines

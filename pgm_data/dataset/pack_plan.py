@@ -12,13 +12,13 @@ import pyarrow.parquet as pq
 
 from pgm_data.dataset.clip_check import shipped_scene
 from pgm_data.dataset.columns import TABLES, table_columns
-from pgm_data.dataset.dataset_columns import SPLITS, frame_tables
-from pgm_data.dataset.documents import read_document
+from pgm_data.dataset.dataset_columns import NO_VIDEO, SPLITS, frame_tables
+from pgm_data.dataset.documents import parse_document
 from pgm_data.scene import Scene
 
 STATE_FOLDER = ".pgm"
 
-Videos = Literal["copy", "link", "none"]
+Videos = Literal["copy", "link", "encode", "none"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,9 +26,15 @@ class PackOptions:
     """How a dataset is packed."""
 
     videos: Videos = "link"
-    """What becomes of the videos: copied, linked to where they are, or left out."""
+    """What becomes of the videos: copied, linked to where they are, encoded anew as H.264, or left out."""
     video_folder: Path | None = None
     """Where the videos are, if no longer where the clips say."""
+    height: int = 0
+    """Height of encoded videos, pixels; 0 keeps each as it is. Columns in pixels stay those of the source."""
+    crf: int = 20
+    """Quality of encoded videos as x264 counts it, the same for every picture: 0 is lossless, 51 the worst."""
+    rate: float = 0.0
+    """Frames per second of encoded videos, one frame after another as they come; 0 keeps the times of each."""
     val_share: float = 0.1
     """Share of the matches kept for validation; at least one match of three or more, unless 0."""
     test_share: float = 0.1
@@ -45,6 +51,15 @@ class PackOptions:
             raise ValueError(
                 f"val_share + test_share: expected below 1, got {self.val_share} + {self.test_share}: none for training"
             )
+        if not (self.height == 0 or 16 <= self.height <= 8192) or self.height % 2:
+            raise ValueError(f"height: expected 0, or an even number of 16 to 8192, got {self.height}")
+        if not 0 <= self.crf <= 51:
+            raise ValueError(f"crf: expected 0 to 51, got {self.crf}")
+        if not 0.0 <= self.rate <= 1000.0:
+            raise ValueError(f"rate: expected 0 to 1000, got {self.rate}")
+        if self.videos != "encode" and (self.height or self.rate):
+            name = "height" if self.height else "rate"
+            raise ValueError(f"{name}: expected 0, as videos is {self.videos}: only encoding changes a picture")
         if not 1 <= self.file_mb <= 1000:
             raise ValueError(f"file_mb: expected 1 to 1000, got {self.file_mb}")
 
@@ -102,23 +117,22 @@ def plan_pack(works: Sequence[Path], options: PackOptions, *, scene: Scene | Non
     folders = {folder.resolve(): folder for work in works for folder in clip_folders(work)}
     for folder in folders.values():
         try:
-            document = read_document(folder / "clip.json", "clip")
-            json.dumps(document, ensure_ascii=False).encode()  # JSON can spell half a character; no table holds one
-            documents[folder] = document
+            documents[folder] = _what_plans_need(parse_document(folder / "clip.json"))
         except ValueError as error:
             problems.append(PackProblem(path=folder, reason=str(error).removeprefix(f"{folder}/")))
     if not documents and not problems:
         raise ValueError(f"{', '.join(map(str, works))}: expected clips, got no clip.json in any folder there")
     _refuse_twins([*documents, *(problem.path for problem in problems)])
     chosen = scene or _one_scene({folder: document["scene"] for folder, document in documents.items()})
-    splits = splits_of_matches((document["match_id"] for document in documents.values()), options)
+    kin = _matches_of_one_video(documents.values())
+    splits = splits_of_matches(kin.values(), options)
     clips = [
         PlannedClip(
             folder=folder,
             work=folder.parent,
             clip_id=folder.resolve().name,
             match_id=document["match_id"],
-            split=splits[document["match_id"]],
+            split=splits[kin[document["match_id"]]],
         )
         for folder, document in documents.items()
     ]
@@ -126,6 +140,17 @@ def plan_pack(works: Sequence[Path], options: PackOptions, *, scene: Scene | Non
     return PackPlan(
         scene=chosen, clips=tuple(clips), optional=_optional_columns(clips, chosen), problems=tuple(problems)
     )
+
+
+def _what_plans_need(document: object) -> dict:
+    """The document, if it names scene and match; whether all of it is right is found when the clip's turn comes."""
+    if not isinstance(document, dict):
+        raise ValueError(f"clip.json: expected an object, got {document!r:.60}")
+    for name in ("scene", "match_id"):
+        if not isinstance(document.get(name), str):
+            raise ValueError(f"clip.json: {name}: expected a text, got {document.get(name)!r:.60}")
+    json.dumps(document, ensure_ascii=False).encode()  # JSON can spell half a character; no table holds one
+    return document
 
 
 def clip_folders(work: Path) -> list[Path]:
@@ -168,6 +193,26 @@ def _one_scene(named: dict[Path, str]) -> Scene:
     if scene is None:
         raise ValueError(f"scene: expected one that ships with pgm, or --scene, got {name!r} in {folder}")
     return scene
+
+
+def _matches_of_one_video(documents: Iterable[dict]) -> dict[str, str]:
+    """For each match the first of those that share a video with it, which no split may tell apart."""
+    first: dict[str, str] = {}
+
+    def root(match: str) -> str:
+        while first[match] != match:
+            match = first[match]
+        return match
+
+    match_of: dict[str, str] = {}
+    for document in documents:
+        match, video = document["match_id"], document.get("sha256")
+        first.setdefault(match, match)
+        if isinstance(video, str) and video != NO_VIDEO:
+            other = match_of.setdefault(video, match)
+            least, larger = sorted((root(match), root(other)))
+            first[larger] = least
+    return {match: root(match) for match in first}
 
 
 def splits_of_matches(matches: Iterable[str], options: PackOptions) -> dict[str, str]:

@@ -1,6 +1,7 @@
 """Parquet files of a dataset, written as rows come: even row groups, a new file at a bound, little in memory."""
 
 import io
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -43,10 +44,19 @@ class ShardWriter:
     At most the rows of one row group and one table are in memory.
     """
 
-    def __init__(self, folder: Path, schema: pa.Schema, *, bound_bytes: int) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        schema: pa.Schema,
+        *,
+        bound_bytes: int,
+        written: Callable[[pa.Table], None] = lambda content: None,
+    ) -> None:
+        """Begin without a file; `written` gets the rows of each write, after it."""
         self.folder = folder
         self.schema = schema
         self.bound_bytes = bound_bytes
+        self._written = written
         self.shards: list[Shard] = []
         self._file: io.BufferedWriter | None = None
         self._writer: pq.ParquetWriter | None = None
@@ -78,6 +88,7 @@ class ShardWriter:
         content = pa.concat_tables(self._waiting)
         if rows:
             self._writer.write_table(content.slice(0, rows), row_group_size=ROW_GROUP)
+            self._written(content.slice(0, rows))
         rest = content.slice(rows)
         self._waiting, self._rows = [rest] if rest.num_rows else [], rest.num_rows
 

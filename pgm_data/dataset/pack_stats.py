@@ -3,11 +3,12 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import pyarrow as pa
 from jaxtyping import Float
 
 from pgm_data.dataset.columns import Column
 from pgm_data.dataset.laws import per_row
-from pgm_data.dataset.tables import Values
+from pgm_data.dataset.tables import Values, numpy_column
 
 NUMBERS = ("int32", "int64", "float", "double")
 
@@ -18,6 +19,10 @@ class RunningStats:
     def __init__(self, columns: Sequence[Column]) -> None:
         self._columns = tuple(column for column in columns if column.type in NUMBERS)
         self._of = {column.name: _Components(max(column.size, 1)) for column in self._columns}
+
+    def add(self, rows: pa.Table) -> None:
+        """Take in rows of the dataset as they are stored."""
+        self.update({column.name: numpy_column(rows.column(column.name), column.name) for column in self._columns})
 
     def update(self, rows: Mapping[str, Values]) -> None:
         """Take in rows of the dataset."""
@@ -52,20 +57,28 @@ class _Components:
 
     def update(self, values: Float[np.ndarray, "rows size"]) -> None:
         """Merge rows into the sums (Chan, Golub, LeVeque: Updating formulae for sample variances)."""
+        if not len(values):
+            return
         there = np.isfinite(values)
-        count = there.sum(axis=0)
-        self.rows += int(np.any(there, axis=1).sum())
-        known = np.where(there, values, 0.0)
-        mean = known.sum(axis=0) / np.maximum(count, 1)
-        squares = np.where(there, values - mean, 0.0)
+        if there.all():
+            count = np.full(values.shape[1], len(values))
+            self.rows += len(values)
+            mean = values.mean(axis=0)
+            squares, lowest, highest = values - mean, values, values
+        else:
+            count = there.sum(axis=0)
+            self.rows += int(np.any(there, axis=1).sum())
+            mean = np.where(there, values, 0.0).sum(axis=0) / np.maximum(count, 1)
+            squares = np.where(there, values - mean, 0.0)
+            lowest, highest = np.where(there, values, np.inf), np.where(there, values, -np.inf)
         total = self.count + count
         share = count / np.maximum(total, 1)
         apart = mean - self.mean
-        self.squares += (squares**2).sum(axis=0) + apart**2 * self.count * share
+        self.squares += np.einsum("ij,ij->j", squares, squares) + apart**2 * self.count * share
         self.mean += apart * share
         self.count = total
-        self.least = np.minimum(self.least, np.where(there, values, np.inf).min(axis=0, initial=np.inf))
-        self.largest = np.maximum(self.largest, np.where(there, values, -np.inf).max(axis=0, initial=-np.inf))
+        self.least = np.minimum(self.least, lowest.min(axis=0))
+        self.largest = np.maximum(self.largest, highest.max(axis=0))
 
     def document(self) -> dict[str, list[float] | list[int]]:
         return {

@@ -16,11 +16,15 @@ from pgm_data.dataset.laws import (
     per_row,
     rows_fault,
     share_faults,
+    there_faults,
     time_faults,
+    torn_faults,
 )
 
 FASTEST_SPIN = 2000.0
 """rad/s; no ball of a racket sport turns faster."""
+FARTHEST_M = 100.0
+"""No ball in play is farther from the world's origin, metres."""
 BELOW_GROUND_M = 0.02
 """How far an uncertain ball's centre may lie below the ground."""
 
@@ -30,6 +34,11 @@ def ball_faults(columns: Columns, context: Context) -> Iterator[Fault]:
     if "ball.status" in columns:
         names = ("ball.position", "ball.velocity", "ball.position_cov")
         yield from missing_faults(columns, names, columns["ball.status"], "ball.status")
+        yield from there_faults(columns, names[:1], columns["ball.status"], "ball.status")
+    yield from torn_faults(columns, ("ball.pixel", "ball.position", "ball.velocity"))
+    if "ball.position" in columns:
+        away = np.linalg.norm(columns["ball.position"], axis=1)
+        yield from rows_fault("ball.position", away > FARTHEST_M, f"within {FARTHEST_M:g} m of the origin", away)
     yield from covariance_faults(columns, "ball.position_cov")
     yield from share_faults(columns, ("ball.score",))
     yield from _ground_faults(columns, "ball.position", context)
@@ -50,6 +59,7 @@ def events_faults(columns: Columns, context: Context) -> Iterator[Fault]:
         )
     yield from _frame_faults(columns, "frame_index", context, last=-1)
     yield from _ground_faults(columns, "position", context)
+    yield from torn_faults(columns, ("position",))
     yield from share_faults(columns, ("probability",))
     yield from _player_faults(columns, context)
 

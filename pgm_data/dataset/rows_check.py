@@ -1,6 +1,7 @@
 """Every row of a packed dataset against the laws of the tables that it was joined from, an episode at a time."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,14 @@ import numpy as np
 import pyarrow as pa
 
 from pgm_data.dataset.camera_laws import camera_faults
-from pgm_data.dataset.clip_laws import ball_event_faults, event_frame_faults, flight_event_faults, player_speed_faults
+from pgm_data.dataset.clip_laws import (
+    ball_event_faults,
+    caption_time_faults,
+    event_frame_faults,
+    flight_event_faults,
+    net_faults,
+    player_speed_faults,
+)
 from pgm_data.dataset.columns import Column
 from pgm_data.dataset.dataset_columns import DATA_PATH, caption_name, data_columns, row_columns, row_tables
 from pgm_data.dataset.documents import Fault
@@ -55,10 +63,16 @@ def check_rows(
         if path.relative_to(folder).as_posix() != places[number]:
             fault = Fault(field="episode_index", expected=f"episode {number} in {places[number]}", found="it")
             gathered.add(path, episode, [fault])
-        context = _context(number, episodes, scene)
-        gathered.add(path, episode, _data_faults(columns, wanted, number, episodes, context))
         own = {table: runs.take(number, gathered) for table, runs in tables.items()}
-        _check_own(folder, columns, own, tables, number, context, gathered)
+        whole = EpisodeRows(
+            data=columns,
+            own=own,
+            first_index=episodes["dataset_from_index"][number],
+            rate=float(info["fps"]) if info["pgm"].get("constant_rate") else 0.0,
+            context=_context(number, episodes, scene),
+        )
+        for table, fault in episode_faults(whole, wanted):
+            gathered.add(path if table == "data" else tables[table].path, episode, [fault])
     if number + 1 < len(places):
         findings.say(folder / "data", "", f"rows of {len(places)} episodes", f"of {number + 1}")
     for runs in tables.values():
@@ -172,19 +186,63 @@ def _context(number: int, episodes: Mapping[str, list[Any]], scene: Scene) -> Co
     )
 
 
-def _data_faults(
-    columns: Columns, wanted: tuple[Column, ...], number: int, episodes: Mapping[str, list[Any]], context: Context
-) -> Iterator[Fault]:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class EpisodeRows:
+    """One episode as a dataset holds it."""
+
+    data: Columns
+    """Its wide rows."""
+    own: Mapping[str, Columns]
+    """Its rows of captions, events and flights, by table."""
+    first_index: int
+    """Row of the dataset at which it starts."""
+    rate: float
+    """Frames per second of a dataset of constant rate, else 0."""
+    context: Context
+
+
+def episode_faults(rows: EpisodeRows, wanted: Sequence[Column]) -> Iterator[tuple[str, Fault]]:
+    """Every fault of an episode, after the table that it is in; `wanted` are the columns of data."""
+    scene, data = rows.context.scene, dict(rows.data)
+    for fault in _data_faults(rows, wanted):
+        yield "data", fault
+    data["timestamp"] = data["source_timestamp"]
+    for table, columns in rows.own.items():
+        if scene is not None:
+            yield from ((table, fault) for fault in value_faults(columns, row_columns(table, scene)))
+        yield from ((table, fault) for fault in LAWS[table](columns, rows.context))
+    if "events" in rows.own:
+        events = rows.own["events"]
+        yield from (("events", fault) for fault in event_frame_faults(events, data))
+        yield from (("data", fault) for fault in ball_event_faults(data, events))
+        yield from (("data", fault) for fault in net_faults(data, events, data, scene))
+        if "ball_shots" in rows.own:
+            yield from (("ball_shots", fault) for fault in flight_event_faults(rows.own["ball_shots"], events))
+    if "captions" in rows.own:
+        yield from (("captions", fault) for fault in caption_time_faults(rows.own["captions"], data))
+        for player, declared in enumerate(scene.players if scene is not None else ()):
+            name = caption_name(declared.name)
+            texts = np.array(main_captions(rows.own["captions"], player, len(data[name])), dtype=object)
+            faults = rows_fault(name, data[name] != texts, "the main caption covering the frame", data[name])
+            yield from (("data", fault) for fault in faults)
+
+
+def _data_faults(rows: EpisodeRows, wanted: Sequence[Column]) -> Iterator[Fault]:
     """Faults of an episode's wide rows."""
-    first = episodes["dataset_from_index"][number]
+    columns, context = rows.data, rows.context
     index = columns["index"]
-    yield from rows_fault("index", index != first + np.arange(len(index)), "rows numbered one after another", index)
+    yield from rows_fault(
+        "index", index != rows.first_index + np.arange(len(index)), "rows numbered one after another", index
+    )
     source = columns["source_timestamp"]
-    apart = np.abs(columns["timestamp"] - (source - source[0])) > SAME_S
+    apart = ~(np.abs(columns["timestamp"] - (source - source[0])) <= SAME_S)
     expected = "source_timestamp less that of the episode's first frame"
+    if rows.rate:
+        apart &= ~(np.abs(columns["timestamp"] - np.arange(len(source)) / rows.rate) <= SAME_S)
+        expected += f", or frame_index over {rows.rate:g}"
     yield from rows_fault("timestamp", apart, expected, columns["timestamp"])
     task = columns["task_index"]
-    yield from rows_fault("task_index", task < 0, "a row of meta/tasks.parquet", task)
+    yield from rows_fault("task_index", task != 0, "0, the row of meta/tasks.parquet", task)
     captions = {caption_name(player.name) for player in context.scene.players} if context.scene is not None else set()
     on_source = {name: values for name, values in columns.items() if name not in captions} | {"timestamp": source}
     yield from value_faults(columns, wanted)
@@ -193,29 +251,3 @@ def _data_faults(
     yield from players_faults(on_source, context)
     yield from player_speed_faults(on_source, on_source, context.scene)
     yield from ball_faults(on_source, context)
-
-
-def _check_own(
-    folder: Path,
-    data: Columns,
-    own: Mapping[str, dict[str, np.ndarray]],
-    tables: Mapping[str, _Runs],
-    number: int,
-    context: Context,
-    gathered: _Gathered,
-) -> None:
-    """Faults of an episode's captions, events and flights, and of what `data` repeats of them."""
-    for table, columns in own.items():
-        gathered.add(tables[table].path, number, value_faults(columns, tables[table].wanted))
-        gathered.add(tables[table].path, number, LAWS[table](columns, context))
-    if "events" in own:
-        gathered.add(tables["events"].path, number, event_frame_faults(own["events"], data))
-        gathered.add(folder / "data", number, ball_event_faults(data, own["events"]))
-        if "ball_shots" in own:
-            gathered.add(tables["ball_shots"].path, number, flight_event_faults(own["ball_shots"], own["events"]))
-    if "captions" in own and context.scene is not None:
-        for player, declared in enumerate(context.scene.players):
-            name = caption_name(declared.name)
-            texts = np.array(main_captions(own["captions"], player, len(data[name])), dtype=object)
-            faults = rows_fault(name, data[name] != texts, "the main caption covering the frame", data[name])
-            gathered.add(folder / "data", number, faults)

@@ -1,6 +1,8 @@
 """One parquet file against the columns that its table must have, without trusting a byte of it."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pgm_data.dataset.camera_laws import camera_faults
-from pgm_data.dataset.columns import SCHEMA_VERSION, TABLES, Column, declared, table_columns
+from pgm_data.dataset.columns import SCHEMA_VERSION, TABLES, Column, arrow_schema, declared, table_columns
 from pgm_data.dataset.documents import Fault
 from pgm_data.dataset.laws import Columns, Context, key_faults, shots_faults, value_faults
 from pgm_data.dataset.play_laws import ball_faults, ball_shots_faults, captions_faults, events_faults
@@ -33,22 +35,37 @@ LAWS: dict[str, Callable[[Columns, Context], Iterator[Fault]]] = {
 }
 
 
-def table_faults(path: Path, table: str, context: Context) -> tuple[dict[str, np.ndarray], tuple[Fault, ...]]:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CheckedTable:
+    """What one parquet file holds, and what is wrong with it."""
+
+    columns: dict[str, np.ndarray]
+    """Those that are what they must be."""
+    content: pa.Table | None
+    """The same as they are stored, texts as dictionaries; None where nothing could be read."""
+    faults: tuple[Fault, ...]
+
+
+def checked_table(path: Path, table: str, context: Context) -> CheckedTable:
     """The columns of the file that are what they must be, and every fault found in it."""
     if context.scene is not None and not declared(TABLES[table].needs, context.scene):
         expected = f"no such file: scene {context.scene.name} declares no {TABLES[table].needs}"
-        return {}, (Fault(field="", expected=expected, found=path.name),)
+        return _unread(Fault(field="", expected=expected, found=path.name))
     try:
         with open_table(path) as file:
             schema = stored_schema(file)
             wanted = _declared_columns(table, context.scene)
-            faults = [*schema_faults(schema, table, context.scene, wanted), *size_faults(file, wanted)]
+            faults = [*size_faults(file, wanted)]
+            if context.scene is None or not schema.equals(_plain_schema(table, context.scene), check_metadata=True):
+                faults = [*schema_faults(schema, table, context.scene, wanted), *faults]
             if any(fault.field == "rows" for fault in faults):
-                return {}, tuple(faults)
-            right = [c.name for c in wanted if schema.get_all_field_indices(c.name) and _type_found(schema, c) is None]
-            content = file.read(columns=right)
+                return _unread(*faults)
+            right = [c.name for c in wanted if not faults or _is_right(schema, c)]
+            right = [name for name in right if name in schema.names]
+            content = file.read(columns=right, use_threads=False)
     except (pa.ArrowException, OSError, ValueError) as error:
-        return {}, (Fault(field="", expected="a parquet file", found=" ".join(str(error).split()) or repr(error)),)
+        found = " ".join(str(error).split()) or repr(error)
+        return _unread(Fault(field="", expected="a parquet file", found=found))
     columns: dict[str, np.ndarray] = {}
     for name in right:
         try:
@@ -59,7 +76,22 @@ def table_faults(path: Path, table: str, context: Context) -> tuple[dict[str, np
     if TABLES[table].frame_aligned:
         faults += key_faults(columns, context)
     faults += LAWS[table](columns, context)
-    return columns, tuple(faults)
+    return CheckedTable(columns=columns, content=content, faults=tuple(faults))
+
+
+def _unread(*faults: Fault) -> CheckedTable:
+    return CheckedTable(columns={}, content=None, faults=faults)
+
+
+@lru_cache(maxsize=64)
+def _plain_schema(table: str, scene: Scene) -> pa.Schema:
+    """The schema of a table without optional columns, as our own writer writes it."""
+    optional = {column.name for column in table_columns(table, scene) if column.optional}
+    return arrow_schema(table, scene, without=optional)
+
+
+def _is_right(schema: pa.Schema, column: Column) -> bool:
+    return bool(schema.get_all_field_indices(column.name)) and _type_found(schema, column) is None
 
 
 def _declared_columns(table: str, scene: Scene | None) -> tuple[Column, ...]:

@@ -225,6 +225,8 @@ def test_a_player_who_is_there_is_judged_by_physics(work, column):
     value, expected = PLAYER_FAULTS[column]
     path = work / CLIP / "players.parquet"
     rewrite(path, with_values("player0.status", put(3, "measured")))
+    assert only(check_paths([work]), path, "player0.root_position").expected.startswith("numbers, since")
+    rewrite(path, with_values("player0.root_position", put(3, np.array([0.0, -12, 1]))))
     assert check_paths([work]) == []
     rewrite(path, with_values(column, put(3, value)))
     assert expected in only(check_paths([work]), path, column).expected

@@ -4,6 +4,7 @@ import hashlib
 import json
 import os
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,8 @@ from pgm_data.dataset.pack_rate import RateCount, common_rate
 from pgm_data.dataset.pack_shards import Shard, ShardWriter
 from pgm_data.dataset.pack_stats import RunningStats
 from pgm_data.scene import load_scene
-from pgm_data.video import write_video
+from pgm_data.stages.encode_video import encode_video
+from pgm_data.video import open_video, write_video
 from tests.simulate.store_worlds import write_truth_clip
 
 TENNIS = load_scene("tennis")
@@ -165,9 +167,12 @@ def filmed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (root / "videos").mkdir()
     for name, clips in (("a", ("a.00", "a.01")), ("b", ("b",))):
         path = root / "videos" / f"{name}.mp4"
-        write_video(path, iter(rng.integers(0, 255, (10, 48, 64, 3), dtype=np.uint8)), fps=25.0, crf=30)
-        for clip in clips:
-            write_truth_clip(root / "work" / clip, TENNIS, frames=10, match_id=name, video=path)
+        frames = 10 * len(clips)
+        write_video(path, iter(rng.integers(0, 255, (frames, 48, 64, 3), dtype=np.uint8)), fps=25.0, crf=30)
+        for number, clip in enumerate(clips):
+            folder = root / "work" / clip
+            first = 10 * number
+            write_truth_clip(folder, TENNIS, frames=10, match_id=name, video=path, first_video_frame=first)
     return root
 
 
@@ -192,13 +197,102 @@ def test_each_video_is_copied_or_linked_once_and_episodes_say_where(filmed: Path
         assert path == episode["video_path"]
         assert hashlib.sha256((tmp_path / "out" / path).read_bytes()).hexdigest() == episode["sha256"]
         assert (tmp_path / "out" / path).is_symlink() == (videos == "link")
-        assert (episode[f"{place}/from_timestamp"], episode[f"{place}/to_timestamp"]) == pytest.approx((0.0, 0.4))
+        span = (episode[f"{place}/from_timestamp"], episode[f"{place}/to_timestamp"])
+        first = episode["first_video_frame"] / 25
+        assert span == pytest.approx((first, first + 0.4))
     assert len({episode["video_path"] for episode in episodes}) == 2
     assert info["features"][VIDEO_KEY]["shape"] == [48, 64, 3]
     assert info["features"][VIDEO_KEY]["info"]["video.codec"] == "h264"
     if videos == "link":
         # A dataset that is moved together with its videos still finds them.
         assert not any(os.path.isabs(os.readlink(path)) for path in (tmp_path / "out" / "videos").rglob("*.mp4"))
+
+
+def episodes_at(dataset: Path) -> list[dict]:
+    return pq.read_table(dataset / "meta" / "episodes" / "chunk-000" / "file-000.parquet").to_pylist()
+
+
+@pytest.mark.parametrize("rate", [0.0, 24.9])
+def test_encoded_videos_keep_every_frame_and_its_time_or_the_rate_asked_for(
+    filmed: Path, tmp_path: Path, rate: float
+) -> None:
+    options = PackOptions(videos="encode", height=24, crf=30, rate=rate)
+    outcome = pack_work_folders([filmed / "work"], tmp_path / "out", options, encode=encode_video)
+    assert outcome.problems == () and outcome.videos == 2 and check_paths([tmp_path / "out"]) == []
+    frames = {}
+    for path in (tmp_path / "out" / "videos").rglob("*.mp4"):
+        with open_video(path) as reader:
+            frames[path] = [(frame.timestamp, frame.bgr().shape) for frame in reader]
+    step = 1 / (rate or 25.0)
+    for own in frames.values():
+        assert {shape for _, shape in own} == {(24, 32, 3)}
+        np.testing.assert_allclose([time for time, _ in own], step * np.arange(len(own)), atol=1e-4)
+    assert sorted(len(own) for own in frames.values()) == [10, 20]
+    data = pq.read_table(tmp_path / "out" / "data").to_pandas()
+    np.testing.assert_allclose(data["timestamp"], step * data["frame_index"], atol=1e-6)
+    np.testing.assert_allclose(data["source_timestamp"], data["video_frame"] / 25, atol=1e-9)
+    for episode in episodes_at(tmp_path / "out"):
+        first = episode[f"videos/{VIDEO_KEY}/from_timestamp"]
+        assert first == pytest.approx(step * episode["first_video_frame"])
+    info = json.loads((tmp_path / "out" / "meta" / "info.json").read_text())
+    assert info["pgm"]["constant_rate"] and info["fps"] == pytest.approx(rate or 25.0)
+    assert info["features"][VIDEO_KEY]["shape"] == [24, 32, 3]
+
+
+def test_a_video_that_cannot_be_encoded_leaves_the_others_and_a_clip_of_another_rate_is_left_out(
+    filmed: Path, tmp_path: Path
+) -> None:
+    work = tmp_path / "work"
+    shutil.copytree(filmed / "work", work)
+    shutil.copytree(filmed / "videos", tmp_path / "videos")
+    (tmp_path / "videos" / "b.mp4").write_bytes(b"no video at all")
+    content = {"sha256": hashlib.sha256(b"no video at all").hexdigest(), "bytes": 15}
+    document = json.loads((work / "b" / "clip.json").read_text())
+    (work / "b" / "clip.json").write_text(json.dumps(document | content))
+    write_truth_clip(work / "fast", TENNIS, frames=10, fps=50.0, match_id="f")
+    options = PackOptions(videos="encode", rate=25.0)
+    outcome = pack_work_folders([work], tmp_path / "out", options, encode=encode_video)
+    words = {problem.path.name: problem.reason for problem in outcome.problems}
+    assert set(words) == {"b", "fast"} and "without its video" in words["b"] and "expected 25 frames" in words["fast"]
+    assert {episode["clip_id"]: episode["video_path"] is None for episode in episodes_at(tmp_path / "out")} == {
+        "a.00": False,
+        "a.01": False,
+        "b": True,
+    }
+    assert len(list((tmp_path / "out").rglob("*.mp4"))) == 1 and check_paths([tmp_path / "out"]) == []
+    with pytest.raises(ValueError, match="encode: expected"):
+        pack_work_folders([work], tmp_path / "none", options)
+    for wrong in ({"height": 101}, {"crf": 52}, {"rate": -1.0}):
+        with pytest.raises(ValueError, match=next(iter(wrong))):
+            PackOptions(videos="encode", **wrong)
+    with pytest.raises(ValueError, match="only encoding"):
+        PackOptions(height=100)
+
+
+def test_a_video_is_found_where_the_run_of_its_clip_read_it(filmed: Path, tmp_path: Path) -> None:
+    work = tmp_path / "work"
+    shutil.copytree(filmed / "work", work)
+    (work / "run.json").write_text(json.dumps({"options": {"videos": [str(filmed / "videos")]}}))
+    outcome = pack_work_folders([work], tmp_path / "out", PackOptions(videos="link"))
+    assert outcome.problems == () and outcome.videos == 2
+
+
+def test_pictures_that_two_clips_show_are_packed_once_and_matches_of_one_video_share_a_split(
+    filmed: Path, tmp_path: Path
+) -> None:
+    work = tmp_path / "work"
+    shutil.copytree(filmed / "work", work)
+    video = filmed / "videos" / "b.mp4"
+    write_truth_clip(work / "again", TENNIS, frames=4, match_id="b", video=video, first_video_frame=6)
+    write_truth_clip(work / "later", TENNIS, frames=4, match_id="x", video=video, first_video_frame=10)
+    for number in range(6):
+        write_truth_clip(work / f"z{number}", TENNIS, frames=3, match_id=f"z{number}")
+    outcome = pack_work_folders([work], tmp_path / "out", PackOptions(videos="none"))
+    (problem,) = outcome.problems
+    assert problem.path.name in ("again", "b") and "no other clip shows" in problem.reason
+    split_of = {episode["match_id"]: episode["split"] for episode in episodes_at(tmp_path / "out")}
+    assert split_of["b"] == split_of["x"] and set(split_of.values()) == {"train", "val", "test"}
+    assert check_paths([tmp_path / "out"]) == []
 
 
 def test_a_video_that_is_gone_or_another_is_said_and_the_clip_packed_without_it(filmed: Path, tmp_path: Path) -> None:

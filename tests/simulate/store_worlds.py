@@ -101,9 +101,10 @@ def write_truth_clip(
     fps: float = 25.0,
     video: Path | None = None,
     without: Sequence[str] = (),
+    first_video_frame: int = 0,
 ) -> ShotStates:
     """Write a clip of truth of the folder's name; `without` names tables that are left out."""
-    times = np.arange(frames) / fps
+    times = (first_video_frame + np.arange(frames)) / fps
     track = broadcast_track(frames)
     states = shot_states(scene, times, np.random.default_rng(seed))
     folder.mkdir(parents=True)
@@ -115,7 +116,7 @@ def write_truth_clip(
         source_path=f"../videos/{video.name}" if video else "../videos/never_drawn.mp4",
         scene=scene,
         size=SIZE,
-        first_video_frame=0,
+        first_video_frame=first_video_frame,
         track=track,
         lens_reason="made up",
         shutter_s=0.01,
@@ -125,7 +126,14 @@ def write_truth_clip(
             for player, truth in zip(scene.players, states.players, strict=True)
         },
     )
-    write_camera_truth(folder, clip_id=folder.name, scene=scene, track=track, timestamps=times)
+    write_camera_truth(
+        folder,
+        clip_id=folder.name,
+        scene=scene,
+        track=track,
+        timestamps=times,
+        first_video_frame=first_video_frame,
+    )
     write_states(
         folder,
         clip_id=folder.name,
@@ -134,7 +142,7 @@ def write_truth_clip(
         track=track,
         timestamps=times,
         capture_times=times,
-        first_video_frame=0,
+        first_video_frame=first_video_frame,
         size=SIZE,
     )
     for table in without:
