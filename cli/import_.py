@@ -21,7 +21,7 @@ def main(argv: list[str]) -> int:
         FORMATS,
         args=argv,
         prog="pgm import",
-        description="Take another program's cameras or skeletons into a work folder; each format's --help says what is"
-        " lost. Tracks, boxes, keypoints, captions and labels of clips that are there already go to the stages:"
-        " pgm players, pgm-ball3d, pgm caption.",
+        description="Make a work folder of another program's cameras or skeletons, or take corrected labels into one;"
+        " each format's --help says what is lost. Tracks, boxes, keypoints and captions of clips that are there already"
+        " go to the stages: pgm-ball3d, pgm players, pgm caption.",
     )

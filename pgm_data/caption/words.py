@@ -163,7 +163,7 @@ def _hitting(facts: PlayFacts, row: int, slots: dict[str, str], moved: bool) -> 
     before = float(facts.hits.time[hit] - spans.start_s[row])
     slots["after_motion"] = "" if not spans.split_step[row] else slots["after_motion"]
     if facts.hits.stroke[hit] == "serve":
-        if before > 1.6:
+        if before > 1.3:
             slots["m"] = "{prepare_serve}"
             return Content(frames=("say_mh",), slots=slots)
         frames = ("say_h", "say_spot_h") if "spot" in slots else ("say_h",)

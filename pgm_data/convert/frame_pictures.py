@@ -1,6 +1,5 @@
 """Frames of clips written as picture files, out of the videos they came from."""
 
-import hashlib
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +7,7 @@ import cv2
 
 from pgm_data.convert.posed_pictures import FieldError, Problem
 from pgm_data.convert.timeline import Timeline
-from pgm_data.dataset.files import whole_file
+from pgm_data.dataset.files import sha256_of, whole_file
 from pgm_data.dataset.source_video import VideoNotFound, find_source_video
 from pgm_data.video import VideoError, open_video
 
@@ -25,8 +24,7 @@ def source_video(work: Path, document: dict[str, Any], videos: Path | None) -> P
         path = find_source_video(work, document, videos)
     except VideoNotFound as error:
         raise FieldError(error.field, error.expected, error.found) from error
-    with path.open("rb") as file:
-        found = hashlib.file_digest(file, "sha256").hexdigest()
+    found = sha256_of(path)
     if found != document["sha256"]:
         raise FieldError("sha256", f"{document['sha256']}, of the video it was made from", f"{found} in {path}")
     return path

@@ -5,7 +5,6 @@ folder, in the natural order of their names, are the frames of one clip, evenly 
 because such files hold no times.
 """
 
-import hashlib
 import re
 from dataclasses import dataclass
 from fractions import Fraction
@@ -20,6 +19,7 @@ from pgm_data.convert.timeline import ClipTimeline, ShotRun, Timeline
 from pgm_data.convert.work_pictures import plain_names
 from pgm_data.dataset.clip_camera import ClipCamera, write_clip_camera
 from pgm_data.dataset.documents import write_document
+from pgm_data.dataset.files import sha256_of
 from pgm_data.dataset.tables import write_table
 from pgm_data.geometry.camera import Camera
 from pgm_data.scene import Scene
@@ -180,14 +180,12 @@ def _known_clip(
 def _foreign_document(
     out: Path, clip_id: str, first: int, frames: int, scene: Scene, source: ForeignFile
 ) -> dict[str, Any]:
-    with source.path.open("rb") as file:
-        digest = hashlib.file_digest(file, "sha256").hexdigest()
     step = 1 / Fraction(source.frames_per_second).limit_denominator(1001)
     return {
         "clip_id": clip_id,
         "match_id": clip_id,
         "source_path": _relative(source.path, out),
-        "sha256": digest,
+        "sha256": sha256_of(source.path),
         "bytes": source.path.stat().st_size,
         "time_base": f"{step.numerator}/{step.denominator}",
         "first_video_frame": first,

@@ -27,6 +27,9 @@ STATISTICS = ("min", "max", "mean", "std")
 NULLABLE = re.compile(r"^(videos/|video_path|shutter_s|.*\.identity|.*\.handedness|tasks|ui_boxes_px)")
 """Columns of episodes in which a value may be missing."""
 
+OF_INFO = ("splits.", "total_")
+"""Fields of `info.json` that are compared with the table of episodes."""
+
 Info = dict[str, Any]
 Episodes = dict[str, list[Any]]
 """Columns of `meta/episodes`."""
@@ -163,7 +166,8 @@ def _read_episodes(folder: Path, info: Info, scene: Scene, findings: Findings) -
     lengths = {len(values) for values in columns.values()}
     findings.add(path, _null_faults(columns))
     if len(lengths) == 1 and len(findings.violations) == before:
-        findings.add(path, _episode_faults(columns, info))
+        for fault in _episode_faults(columns, info):
+            findings.add(folder / "meta" / "info.json" if fault.field.startswith(OF_INFO) else path, [fault])
     return columns if len(findings.violations) == before else None
 
 
@@ -188,7 +192,8 @@ def _episode_faults(episodes: Episodes, info: Info) -> Iterator[Fault]:
     """Episodes that are not one after another, or not as many as info.json says; splits that divide a match."""
     count = len(episodes["episode_index"])
     if count != info["total_episodes"]:
-        yield Fault(field="", expected=f"{info['total_episodes']} rows, total_episodes of info.json", found=f"{count}")
+        expected = f"{count}, the rows of meta/episodes"
+        yield Fault(field="total_episodes", expected=expected, found=f"{info['total_episodes']}")
     index = np.array(episodes["episode_index"], dtype=np.int64)
     first = np.array(episodes["dataset_from_index"], dtype=np.int64)
     end = np.array(episodes["dataset_to_index"], dtype=np.int64)
@@ -204,8 +209,8 @@ def _episode_faults(episodes: Episodes, info: Info) -> Iterator[Fault]:
             yield Fault(field=field, expected=expected, found=f"{episodes[field][row]} in row {row}")
     frames = int(end[-1]) if count else 0
     if frames != info["total_frames"]:
-        expected = f"{info['total_frames']} at the end, total_frames of info.json"
-        yield Fault(field="dataset_to_index", expected=expected, found=f"{frames}")
+        expected = f"{frames}, dataset_to_index at the end of the last episode"
+        yield Fault(field="total_frames", expected=expected, found=f"{info['total_frames']}")
     if len(set(episodes["clip_id"])) < count:
         twice = Counter(episodes["clip_id"]).most_common(1)[0][0]
         yield Fault(field="clip_id", expected="every clip once", found=f"{twice!r} more than once")

@@ -266,11 +266,9 @@ def card_text(contents: Contents, counted: DatasetStats) -> str:
     lines += ["---", "", f"# {contents.scene.name}: scenes in metres, frame by frame", ""]
     lines += _card_summary(contents)
     lines += ["", "## What it holds", "", stats_table(counted), ""]
-    lines += [
-        "Captions count every text of a span, in whatever words; spans count once. Annotated frames have a camera and"
-    ]
-    lines += ["every player. Parts of speech are told by a lexicon and by rules; every `to` is a particle, as in the"]
-    lines += ["universal tag set, and articles are all determiners.", ""]
+    lines += ["Captions are all texts of all spans; the average span counts each span once. Annotated frames have a"]
+    lines += ["camera and every player. Parts of speech are told by a lexicon and by rules: every `to` is a particle,"]
+    lines += ["as in the universal tag set, and all determiners are articles.", ""]
     lines += [
         f"![{histogram.title}]({SUMMARY_FOLDER}/{histogram.name}.svg)" for histogram in histograms_of(counted.whole)
     ]
@@ -312,8 +310,6 @@ def _card_summary(contents: Contents) -> list[str]:
     if own:
         lines += [f"Tables of their own, joined to `data` by `episode_index`: {', '.join(f'`{n}`' for n in own)}.", ""]
     lines += ["World: metres, right-handed, z up. Camera: OpenCV axes. The centre of the top-left pixel is (0, 0)."]
-    lines += [
-        "Pixels are those of `width` x `height` in `meta/episodes`: a video of another size is to be scaled to them."
-    ]
+    lines += ["Pixels are those of `width` x `height` in `meta/episodes`; scale a video of another size to them."]
     lines += ["", f"`sha256sum --check {SUMS_PATH}` says whether every file is as it was packed."]
     return lines

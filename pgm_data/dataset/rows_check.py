@@ -1,7 +1,7 @@
 """Every row of a packed dataset against the laws of the tables that it was joined from, an episode at a time."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -246,7 +246,8 @@ def _data_faults(rows: EpisodeRows, wanted: Sequence[Column]) -> Iterator[Fault]
     captions = {caption_name(player.name) for player in context.scene.players} if context.scene is not None else set()
     on_source = {name: values for name, values in columns.items() if name not in captions} | {"timestamp": source}
     yield from value_faults(columns, wanted)
-    yield from key_faults(on_source, context)
+    for fault in key_faults(on_source, context):
+        yield replace(fault, field="source_timestamp") if fault.field == "timestamp" else fault
     yield from camera_faults(on_source, context)
     yield from players_faults(on_source, context)
     yield from player_speed_faults(on_source, on_source, context.scene)

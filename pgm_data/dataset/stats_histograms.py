@@ -92,9 +92,8 @@ def histogram_svg(histogram: Histogram) -> str:
     for place, count in enumerate(counts):
         height = tall * count / top
         x, y = LEFT + step * place, TOP + tall - height
-        parts.append(
-            f'<rect x="{x + 0.5:.1f}" y="{y:.1f}" width="{max(step - 1, 0.5):.1f}" height="{height:.1f}" fill="{COLOUR}"/>'
-        )
+        bar = f'width="{max(step - 1, 0.5):.1f}" height="{height:.1f}" fill="{COLOUR}"'
+        parts.append(f'<rect x="{x + 0.5:.1f}" y="{y:.1f}" {bar}/>')
     parts += _labels(histogram, step) if histogram.labels else _ticks(histogram, step)
     return _svg(parts)
 

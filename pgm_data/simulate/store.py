@@ -9,6 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from pgm_data.dataset.documents import write_document
+from pgm_data.dataset.files import sha256_of
 from pgm_data.dataset.tables import write_table
 from pgm_data.scene import Scene
 from pgm_data.simulate.camera import CameraTrack
@@ -71,8 +72,7 @@ def content_of(video: Path) -> VideoContent:
     """Of the file; of an empty one where there is none."""
     if not video.exists():
         return VideoContent(sha256=hashlib.sha256().hexdigest(), bytes=0)
-    with video.open("rb") as file:
-        return VideoContent(sha256=hashlib.file_digest(file, "sha256").hexdigest(), bytes=video.stat().st_size)
+    return VideoContent(sha256=sha256_of(video), bytes=video.stat().st_size)
 
 
 def write_clip_truth(

@@ -1,6 +1,5 @@
 """`pgm-calibrate` on one video: shots, court, and a camera for every frame, written as clip folders."""
 
-import hashlib
 import os
 import time
 from collections.abc import Callable
@@ -15,6 +14,7 @@ from pgm_data.convert.keypoints_csv import read_keypoints
 from pgm_data.court import Court
 from pgm_data.dataset.clip_camera import ClipCamera, write_clip_camera
 from pgm_data.dataset.documents import write_document
+from pgm_data.dataset.files import sha256_of
 from pgm_data.dataset.tables import write_table
 from pgm_data.detect.court_network import CourtNetwork
 from pgm_data.lift.clip_solve import LensOptions
@@ -377,7 +377,7 @@ def _clip_document(
         "clip_id": clip_id,
         "match_id": match_id,
         "source_path": source,
-        "sha256": _sha256(video),
+        "sha256": sha256_of(video),
         "bytes": video.stat().st_size,
         "width": info.width,
         "height": info.height,
@@ -401,11 +401,6 @@ def _relative(video: Path, work: Path) -> str:
         return "../" + video.resolve().relative_to(work.resolve().parent).as_posix()
     except ValueError:
         return video.name
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _peak_memory_mb() -> float:

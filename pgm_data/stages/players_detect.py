@@ -1,10 +1,11 @@
 """The players found in a clip's pictures: who is where, the points of their bodies, what they look like."""
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from pgm_data.dataset.clip_camera import ClipCamera
 from pgm_data.detect.players.candidates import PersonFinder
@@ -24,6 +25,11 @@ POSE_LOOKS: dict[Quality, int] = {"draft": 1, "standard": 1, "best": 2}
 """1: each person as it is; 2: mirrored too, and the two averaged."""
 
 
+JUMP_M = 2.5
+FASTEST_M_S = 10.0
+"""A player who moves by more than `JUMP_M` and what this speed gives has not run there."""
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FoundPlayers:
     """What a clip's pictures show of its players."""
@@ -31,6 +37,8 @@ class FoundPlayers:
     boxes: PlayerBoxes
     poses: PlayerPoses
     looks: PlayerLooks
+    cut: Bool[np.ndarray, " frames"]
+    """Whether each frame is the first after a cut within the clip, which shows the players at other places."""
     said: str
     """Why there are no body points; empty where there are."""
     find_s: float
@@ -126,18 +134,32 @@ def found_players(
     else:
         poses, said = no_poses(boxes), why_no_model
     if SKELETONS_OPTION in files:
-        poses = with_shapes(poses, files[SKELETONS_OPTION], clip)
+        from pgm_data.stages.players_shapes import with_shapes
+
+        poses = with_shapes(poses, files[SKELETONS_OPTION], scene)
     from pgm_data.detect.players.looks import look
 
-    looks = look(pictures, boxes, poses if poses.point_names else None, clip)
+    cut = cuts(boxes, clip.capture_time)
+    looks = look(pictures, boxes, poses if poses.point_names else None, clip, cut=cut)
     return FoundPlayers(
         boxes=boxes,
         poses=poses,
         looks=looks,
+        cut=cut,
         said=said,
         find_s=found - started,
         pose_s=time.monotonic() - found,
     )
+
+
+def cuts(boxes: PlayerBoxes, times: Float[np.ndarray, " frames"]) -> Bool[np.ndarray, " frames"]:
+    """Frames in which a player is farther from the last place than anybody could run: takes of one camera joined."""
+    cut = np.zeros(len(times), dtype=bool)
+    for player in range(len(boxes.names)):
+        known = np.flatnonzero(np.isfinite(boxes.ground_world[:, player]).all(axis=1))
+        moved = np.linalg.norm(np.diff(boxes.ground_world[known, player], axis=0), axis=1)
+        cut[known[1:][moved > JUMP_M + FASTEST_M_S * np.diff(times[known])]] = True
+    return cut
 
 
 def no_poses(boxes: PlayerBoxes) -> PlayerPoses:
@@ -151,15 +173,3 @@ def no_poses(boxes: PlayerBoxes) -> PlayerPoses:
         sigma_px=np.zeros(shape),
         points_ray=np.zeros((*shape, 3)),
     )
-
-
-def with_shapes(poses: PlayerPoses, path: Path, clip: ClipCamera) -> PlayerPoses:
-    """The poses with the bodies' shapes in space as another program's file gives them.
-
-    Raises:
-        ValueError: If the file holds no such shapes, or for frames that the clip has not.
-    """
-    from pgm_data.convert.smpl_npz import read_skeleton_shapes, shapes_in_rays
-
-    shapes = read_skeleton_shapes(path, clip=clip, players=poses.names)
-    return replace(poses, points_ray=shapes_in_rays(shapes, poses.point_names))

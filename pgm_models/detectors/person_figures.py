@@ -127,9 +127,9 @@ class Body:
 def place_people(rng: np.random.Generator, cast: Cast, backdrop: Backdrop) -> list[Body]:
     """People by lot on an empty court."""
     people = [_player(rng, cast, end) for end in (-1.0, 1.0)]
-    people += [_player(rng, cast, 0.0) for _ in range(int(rng.integers(1, 4)))]
-    people += [_wanderer(rng, cast) for _ in range(int(rng.integers(0, 4)))]
-    if rng.random() < 0.85:
+    people += [_player(rng, cast, 0.0) for _ in range(int(rng.integers(0, 3)))]
+    people += [_wanderer(rng, cast) for _ in range(int(rng.integers(0, 2)))]
+    if rng.random() < 0.9:
         chosen = cast.officials[int(rng.integers(len(cast.officials)))]
         for official in chosen:
             if official.stands or backdrop.seat is not None:
@@ -186,7 +186,7 @@ def _official(rng: np.random.Generator, official: Official, backdrop: Backdrop) 
             R, t = turn @ R, (t - official.place) @ turn.T + official.place
         return Body(part="seated", body=official.body, R_world=R, t_world=t - t[0] + backdrop.seat + [0.0, 0.0, 0.12])
     place = official.place[:2] * np.array(backdrop.walls) / np.array([9.15, 18.3])
-    if rng.random() < 0.4:
+    if rng.random() < 0.2:
         place = rng.uniform([-10.0, -18.0], [10.0, 19.0])
         turn = _upright(rng.uniform(-np.pi, np.pi))
         R, t = turn @ R, (t - official.place) @ turn.T + official.place

@@ -12,11 +12,11 @@ import torch
 from pgm_data.dataset.files import whole_file
 from pgm_data.detect.players.person_network import CHANNELS, PERSON_NETWORK, PersonCalibration
 from pgm_data.detect.players.person_strips import ROWS
-from pgm_data.scene import load_scene
+from pgm_data.scene import Scene, load_scene
 from pgm_models.checkpoint import CHECKPOINT_NAME, load_checkpoint, provenance
 from pgm_models.detectors.export import fold_norms, strip_sources, write_model
 from pgm_models.detectors.person_backdrops import prepare_backdrops
-from pgm_models.detectors.person_figures import draw_cast
+from pgm_models.detectors.person_figures import Cast, draw_cast
 from pgm_models.detectors.person_net import PersonNet
 from pgm_models.detectors.person_task import PersonTask, PersonTaskOptions, calibrate, score
 from pgm_models.train import Outcome, TrainOptions, train
@@ -66,14 +66,16 @@ def person_task(options: PersonRunOptions, *, show: Callable[[str], None] = lamb
     seed, other = options.seed, options.seed + HELD_OUT_SEED
     backdrops = prepare_backdrops(options.run / "backdrops", scene, worlds=courts, views=VIEWS, seed=seed, show=show)
     held_out = prepare_backdrops(options.run / "held_out", scene, worlds=held, views=4, seed=other, show=show)
-    people = options.people
-    show(f"{people} players and {people // 2} others are dressed")
-    casts = (
-        draw_cast(seed, scene, players=people, others=people // 2, officials=people // 10, matches=people // 10),
-        draw_cast(other, scene, players=people // 6, others=people // 12, officials=people // 40 + 1, matches=4),
-    )
+    show(f"{options.people} players and {options.people // 2} others are dressed")
+    casts = (_cast(seed, scene, options.people), _cast(other, scene, max(2, options.people // 6)))
     shown = PersonTaskOptions(batch=options.batch, seed=options.seed)
     return PersonTask(scene, backdrops, held_out, casts, shown)
+
+
+def _cast(seed: int, scene: Scene, players: int) -> Cast:
+    """So many players; others, sets of officials and matches in proportion."""
+    few = max(1, players // 10)
+    return draw_cast(seed, scene, players=players, others=max(1, players // 2), officials=few, matches=few)
 
 
 def train_people(

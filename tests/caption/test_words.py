@@ -2,10 +2,12 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from pgm_data.caption import words
 from pgm_data.caption.facts import OWN_WAYS
 from pgm_data.caption.grammar import GRAMMAR
 from pgm_data.caption.measures import facts_of_clip
@@ -15,8 +17,8 @@ from tests.caption.rallies import BLOCKS, TENNIS, clip_ball, clip_players, perso
 from tests.caption.test_strokes import RIGHT, TIMES, rally, serve
 
 SLOTS = {
-    "side", "side2", "at", "ts", "fb", "ofb", "way", "gait", "again", "goal", "after_motion", "compass", "compass2", "sense",
-    "spot", "np", "quality", "hands", "to", "out", "m", "h", "w", "o", "onp", "r", "since",
+    "side", "side2", "at", "ts", "fb", "ofb", "way", "gait", "again", "goal", "after_motion", "compass", "compass2",
+    "sense", "spot", "np", "quality", "hands", "to", "out", "m", "h", "w", "o", "onp", "r", "since",
 }  # fmt: skip
 
 
@@ -30,9 +32,7 @@ def test_every_symbol_of_the_grammar_is_stated_or_a_slot():
     }
     inner = {name for options in GRAMMAR.values() for _, text in options for name in re.findall(r"\{(\w+)", text)}
     assert named <= inner <= set(GRAMMAR) | SLOTS
-    from pgm_data.caption import words
-
-    source = open(words.__file__, encoding="utf-8").read()
+    source = Path(words.__file__).read_text(encoding="utf-8")
     used = set(re.findall(r'"\{(\w+)\}"', source)) | set(re.findall(r'"(say_\w+)"', source))
     assert used <= set(GRAMMAR) | SLOTS, used - set(GRAMMAR) - SLOTS
 
@@ -45,9 +45,9 @@ def test_every_place_and_target_has_its_words(way, place):
         assert {f"goal_{name}{tail}", f"spot_{name}{tail}"} <= set(GRAMMAR)
     for name in ("land", "deep", "far"):
         assert f"to_{name}{tail}" in GRAMMAR
-    words = way.split()
-    assert {"left": "way_side", "right": "way_side"}.get(words[0], f"way_{words[0]}") in GRAMMAR
-    assert len(words) == 1 or f"way_side_{words[1]}" in GRAMMAR
+    parts = way.split()
+    assert {"left": "way_side", "right": "way_side"}.get(parts[0], f"way_{parts[0]}") in GRAMMAR
+    assert len(parts) == 1 or f"way_side_{parts[1]}" in GRAMMAR
 
 
 def test_a_grammar_states_each_symbol_once():
@@ -63,7 +63,8 @@ def test_a_grammar_states_each_symbol_once():
 def test_a_stroke_is_told_with_its_side_its_target_and_its_end():
     people, contacts = rally(to=(-3.0, 9.0))
     rows = told(people, clip_ball(contacts, TIMES))
-    (hit,) = {row for row in range(len(rows)) if rows.player[row] == 0 and rows.start_s[row] <= 2.1 < rows.end_s[row] and rows.alternative[row] == 0}  # fmt: skip
+    here = (rows.player == 0) & (rows.start_s <= 2.1) & (rows.end_s > 2.1) & (rows.alternative == 0)
+    (hit,) = np.flatnonzero(here)
     text = rows.text[hit]
     assert "forehand" in text and "left" in text and "no man's land" in text
     assert re.search("winner|wins the point|win the point", text)

@@ -13,6 +13,8 @@ import numpy as np
 POSES = "utils.lib_3d.pose_parameters"
 ROTATION, TRANSLATION, FOCAL = (1.3743, 0.0, 0.0), (0.0, -39.54, 8.41), 2280.0
 """A broadcast camera whose projections were worked out apart from this project."""
+SIZE = (166, 94)
+"""Of the pictures, px: less than what focal lengths are of, as in the tennis set."""
 
 
 @contextmanager
@@ -54,7 +56,7 @@ def pickled(value, protocol: int = 4) -> bytes:
         return pickle.dumps(value, protocol=protocol)
 
 
-def write_video(folder: Path, frames: int = 4, *, size=(996, 560), protocol: int = 4, **changes) -> None:
+def write_video(folder: Path, frames: int = 4, *, size=SIZE, protocol: int = 4, **changes) -> None:
     """One camera's folder; `changes` replace the content of pickles, None leaves one out."""
     folder.mkdir(parents=True)
     for i in range(frames):

@@ -31,6 +31,7 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A work folder with one clip of 150 frames that has every table."""
     out = tmp_path_factory.mktemp("labels")
     write_match(out, TENNIS, ClipOptions(frames=150), MatchFiles(pictures="none"), seed=5, match=0)
+    (out / "work" / ".pgm").mkdir()
     return out / "work"
 
 
@@ -199,12 +200,13 @@ def test_corrections_become_files_that_the_stages_read(simulated, tmp_path, caps
 
 
 def test_labels_of_another_clip_are_said_to_be_none(simulated, tmp_path):
+    folder = only_clip(simulated)
+    document = read_document(folder / "clip.json", "clip")
+    write_document(folder / "clip.json", "clip", document | {"ui_boxes_px": []})
     out = tmp_path / "out"
     out.mkdir()
     export_labels(simulated, out, form="cvat")
     path = next(out.glob("*.xml"))
-    path.write_text(path.read_text().replace(' frame="', ' frame="9'))
+    path.write_text(path.read_text().replace(' frame="', ' frame="99'))
     with pytest.raises(ValueError, match="expected labels in frames 0 to 149"):
-        folder = only_clip(simulated)
-        write_document(folder / "clip.json", "clip", read_document(folder / "clip.json", "clip") | {"ui_boxes_px": []})
         import_labels(path, folder, form="cvat")

@@ -24,9 +24,10 @@ from pgm_data.geometry.camera import project
 from pgm_data.provenance import run_document
 from pgm_data.scene import load_scene
 from pgm_data.video import open_video
-from tests.convert.playable_folders import FOCAL, pickled, pose, write_video
+from tests.convert.playable_folders import FOCAL, SIZE, pickled, pose, write_video
 
 TENNIS, BLOCKS = load_scene("tennis"), load_scene("blocks")
+W, H = SIZE
 NO_PICTURES = PlayableOptions(pictures="none")
 WORLD = np.array([[0, 0, 0], [-5.485, -11.885, 0], [5.485, 11.885, 0]], dtype=float)
 PIXELS = np.array([[498.00, 309.82], [63.24, 505.82], [738.14, 201.55]])
@@ -44,8 +45,9 @@ def taken(root, out, **options):
     return import_playable(root, out, scene=TENNIS, options=PlayableOptions(**{"pictures": "none"} | options))
 
 
-def test_the_camera_is_the_one_that_was_worked_out_by_hand(dataset, tmp_path):
-    taken(dataset, tmp_path / "out")
+def test_the_camera_is_the_one_that_was_worked_out_by_hand(tmp_path):
+    write_video(tmp_path / "data" / "train" / "00000" / "00000", 4, size=(996, 560))
+    taken(tmp_path / "data", tmp_path / "out")
     clip = read_clip_camera(tmp_path / "out" / "train_00000")
     pixels, seen = project(clip.camera, WORLD)
     assert seen.all()
@@ -95,12 +97,8 @@ def test_the_turns_are_about_z_then_x_then_y():
 def test_boxes_are_pixels_and_dummies_are_not_there(dataset, tmp_path):
     taken(dataset, tmp_path / "out")
     near, far = read_clip_players(tmp_path / "out" / "train_00000", TENNIS).players
-    np.testing.assert_allclose(
-        near.box_px[0], [0.3 * 996 - 0.5, 0.6 * 560 - 0.5, 0.4 * 996 - 0.5, 0.9 * 560 - 0.5], atol=1e-3
-    )
-    np.testing.assert_allclose(
-        far.box_px[2], np.array([0.42 * 996, 0.22 * 560, 0.47 * 996, 0.37 * 560]) - 0.5, atol=1e-3
-    )
+    np.testing.assert_allclose(near.box_px[0], [0.3 * W - 0.5, 0.6 * H - 0.5, 0.4 * W - 0.5, 0.9 * H - 0.5], atol=1e-3)
+    np.testing.assert_allclose(far.box_px[2], np.array([0.42 * W, 0.22 * H, 0.47 * W, 0.37 * H]) - 0.5, atol=1e-3)
     assert np.isnan(far.box_px[1]).all() and np.isfinite(near.box_px).all()
     assert set(near.status) == {"none"} and np.isnan(near.root_position).all()
     assert np.isnan(near.keypoints_px).all()
@@ -117,7 +115,7 @@ def test_clips_are_called_after_their_folders_and_pass_the_check(dataset, tmp_pa
         frames = [(frame.timestamp, frame.bgr()) for frame in reader]
     np.testing.assert_allclose([time for time, _ in frames], [0, 0.2, 0.4, 0.6], atol=1e-9)
     assert [round(picture.mean() / 10) for _, picture in frames] == [4, 5, 6, 7]
-    assert frames[0][1].shape == (560, 996, 3)
+    assert frames[0][1].shape == (H, W, 3)
     clip = read_clip_camera(tmp_path / "out" / "train_00000")
     np.testing.assert_allclose(clip.timestamp, [0, 0.2, 0.4, 0.6])
     write_run(tmp_path / "out")
@@ -175,7 +173,7 @@ def test_keypoints_are_taken_only_when_their_order_is_said(tmp_path):
     taken(tmp_path / "data", tmp_path / "b", keypoints="coco")
     near, far = read_clip_players(tmp_path / "b" / "train_00000", TENNIS).players
     # Height comes first in the file.
-    np.testing.assert_allclose(near.keypoints_px[0, 0], [0.3 * 996 - 0.5, 0.6 * 560 - 0.5], atol=1e-3)
+    np.testing.assert_allclose(near.keypoints_px[0, 0], [0.3 * W - 0.5, 0.6 * H - 0.5], atol=1e-3)
     np.testing.assert_allclose(near.keypoint_score[0], np.linspace(0, 1, 17), atol=1e-6)
     assert np.isnan(far.keypoints_px).all()
 
@@ -257,7 +255,7 @@ def break_pictures(folder, kind):
         ("no first", "00000.png: expected one first picture, got 0"),
         ("two first", "00000.png: expected one first picture, got 2"),
         ("no picture", "00000.png: expected a picture that can be read"),
-        ("another size", "00003.png: expected a picture of 996 x 560, as the first, got 8 x 8"),
+        ("another size", "00003.png: expected a picture of 166 x 94, as the first, got 8 x 8"),
         ("marked", "failure.txt: expected a sequence that was solved"),
     ],
 )

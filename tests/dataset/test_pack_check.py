@@ -71,8 +71,8 @@ def rows(keep: slice) -> Change:
 
 
 FAULTS: dict[str, tuple[str, Change, str, str]] = {
-    "a wrong number of frames": (INFO, info(total_frames=74), "dataset_to_index", "total_frames"),
-    "a wrong number of episodes": (INFO, info(total_episodes=6), "", "total_episodes"),
+    "a wrong number of frames": (INFO, info(total_frames=74), "total_frames", "75, dataset_to_index"),
+    "a wrong number of episodes": (INFO, info(total_episodes=6), "total_episodes", "5, the rows"),
     "a wrong number of tasks": (INFO, info(total_tasks=2), "", "total_tasks"),
     "a split that divides a match": (
         INFO,

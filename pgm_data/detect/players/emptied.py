@@ -9,12 +9,12 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Bool, Float, UInt8
 
 from pgm_data.detect.players.background import Background, ranked
 from pgm_data.detect.players.evidence import people_in
 from pgm_data.detect.players.ground_map import GroundMap, floor_height, ground_map, height_map, strangeness_of_place
-from pgm_data.geometry.camera import Camera, meet_plane
+from pgm_data.geometry.camera import Camera, meet_plane, project
 from pgm_data.scene import Scene
 
 ASIDE = (0.42, 0.55, 0.7, 0.9, 1.15)
@@ -27,9 +27,11 @@ LARGEST_STRANGENESS = 0.5
 """Largest loss of log odds by a place."""
 NET_M = 3.0
 """How far from the net nobody stands still for long, m."""
+LINE_PX = 3
+"""How wide lines are at most in the small copies, px."""
 MOST = 14
 """People who stand still."""
-LEAST_FULL = 0.35
+LEAST_FULL = (0.35, 0.35, 0.2)
 """Least share of head, trunk and legs that differ from the ground."""
 LARGEST_ASIDE = 0.35
 """Largest share of what is left, right and above of a person that may differ from the ground too."""
@@ -44,7 +46,10 @@ def emptied(background: Background, scene: Scene) -> Background:
     sides = [ground_colours(background.middle, heights * sign) for sign in (-1, 1)]
     different = cv2.min(*(cv2.absdiff(background.middle, side).max(axis=2) for side in sides))
     usual = int(np.median(background.margin[background.margin < 255])) if (background.margin < 255).any() else 255
-    stands = different > CLEARLY * usual
+    known = (background.margin < 255).astype(np.uint8)
+    beside = [ground_colours(known, heights * sign) for sign in (-1, 1)]
+    lines = painted(background.camera, size, scene)
+    stands = (different > CLEARLY * usual) & (np.minimum(beside[0], beside[1]) > 0) & (known > 0) & ~lines
     mask = cv2.morphologyEx(stands.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
     places = _usual_places(ground_map(background.camera, size, scene, 0.0), background.camera, scene)
     middle, margin = background.middle.copy(), background.margin.copy()
@@ -52,7 +57,7 @@ def emptied(background: Background, scene: Scene) -> Background:
         if _stands(person.features):
             (x0, y0), (x1, y1) = np.clip(np.round(person.box).astype(int).reshape(2, 2) + [[-4, -4], [5, 5]], 0, size)
             window = (slice(y0, y1), slice(x0, x1))
-            his = cv2.dilate(mask[window], np.ones((5, 5), np.uint8)) > 0
+            his = (cv2.dilate(mask[window], np.ones((5, 5), np.uint8)) > 0) & ~lines[window]
             left = np.arange(x0, x1) < (x0 + x1) // 2
             colours = np.where(left[None, :, None], sides[0][window], sides[1][window])
             middle[window][his] = colours[his]
@@ -74,12 +79,26 @@ def _usual_places(places: GroundMap, camera: Camera, scene: Scene) -> GroundMap:
 def _stands(features: Float[np.ndarray, " features"]) -> bool:
     """Whether what differs from the ground has the shape of a person who stands alone."""
     full, aside, height = features[1:4], features[[4, 5, 6]], np.sqrt(features[8])
-    return bool(full.min() > LEAST_FULL and aside.max() < LARGEST_ASIDE and height < np.log(TALLEST))
+    return bool((full > LEAST_FULL).all() and aside.max() < LARGEST_ASIDE and height < np.log(TALLEST))
+
+
+def painted(camera: Camera, size: tuple[int, int], scene: Scene) -> Bool[np.ndarray, "high wide"]:
+    """Where the picture shows the lines of the court."""
+    mask = np.zeros((size[1], size[0]), np.uint8)
+    ends = scene.court.lines_world if scene.court is not None else np.zeros((0, 2, 3))
+    along = np.linspace(0.0, 1.0, 41)[:, None]
+    for start, end in ends:
+        pixels, seen = project(camera, start + along * (end - start))
+        near = seen & (np.abs(pixels) < 4 * max(size)).all(axis=1)
+        for a, b in zip(np.flatnonzero(near[:-1] & near[1:]), np.flatnonzero(near[:-1] & near[1:]) + 1, strict=True):
+            corners = [tuple(np.round(pixels[i]).astype(int).tolist()) for i in (a, b)]
+            cv2.line(mask, corners[0], corners[1], 1, LINE_PX)
+    return mask > 0
 
 
 def ground_colours(
-    picture: UInt8[np.ndarray, "high wide 3"], heights: Float[np.ndarray, "high wide"]
-) -> UInt8[np.ndarray, "high wide 3"]:
+    picture: UInt8[np.ndarray, "high wide *colours"], heights: Float[np.ndarray, "high wide"]
+) -> UInt8[np.ndarray, "high wide *colours"]:
     """The median colour to the right of each pixel, a person's width away and more; to the left for heights below 0."""
     x, y = np.meshgrid(np.arange(picture.shape[1], dtype=np.float32), np.arange(picture.shape[0], dtype=np.float32))
     tall = heights.astype(np.float32)

@@ -36,7 +36,7 @@ class FollowOptions:
     surest: float = 3.0
     """Largest gain or loss by one person, log odds."""
     still_cost: float = 2.0
-    """What it costs to stand in one place all clip long, as officials and posts do, log odds."""
+    """What it costs to stand in one place all clip long, as officials do, log odds; on the court a quarter."""
     outside_m: float = 1.5
     """How far outside of their usual places players are met as often as not, m."""
     overlap: float = 0.6
@@ -71,8 +71,8 @@ def follow_players(
         got = f"{candidates.frame.min()} to {candidates.frame.max()}"
         raise ValueError(f"{clip.clip_id}: people: frame: expected 0 to {rows - 1}, got {got}")
     people = _usable(candidates, clip)
-    still = options.still_cost * share_of_time_there(people, _seen_places(people, clip.camera)) ** 2
-    gains = [_gains(people, player, scene, options) - still for player in scene.players]
+    still = share_of_time_there(people, _seen_places(people, clip.camera)) ** 2
+    gains = [_gains(people, still, player, scene, options) for player in scene.players]
     paths = _paths(people, clip, gains, options)
     tracks = [boxes_along(people, path, clip, size, scene, options.path) for path in paths]
     shape = (rows, len(scene.players))
@@ -113,12 +113,19 @@ def _log_odds(probability: np.ndarray, most: float) -> np.ndarray:
 
 
 def _gains(
-    people: PersonCandidates, player: SceneObject, scene: Scene, options: FollowOptions
+    people: PersonCandidates,
+    still: Float[np.ndarray, " people"],
+    player: SceneObject,
+    scene: Scene,
+    options: FollowOptions,
 ) -> Float[np.ndarray, " people"]:
-    """Log odds that each person is the player, from his looks and his place."""
+    """Log odds that each person is the player, from his looks, his place, and whether he ever leaves it."""
     person = _log_odds(people.person, options.surest)
     plays = np.where(np.isnan(people.player), 0.0, _log_odds(np.nan_to_num(people.player, nan=0.5), options.surest))
-    return person + plays - strangeness_of_place(people.ground_world, player, scene, options.outside_m)
+    strange = strangeness_of_place(people.ground_world, player, scene, options.outside_m)
+    # Who stands where players do may wait for a serve all through a short clip.
+    waits = options.still_cost * (0.25 + np.minimum(strange, 1.0))
+    return person + plays - strange - waits * still
 
 
 STILL_CELL_M = 0.3

@@ -13,13 +13,17 @@ from jaxtyping import Bool, Float, Int
 
 from pgm_data.geometry.arrays import frozen
 from pgm_data.geometry.rigid import rotvec_from_rotation
-from pgm_data.lift.players.ik_reach import bounded, reached, wrapped
+from pgm_data.lift.players.ik_reach import between_neighbours, bounded, reached, wrapped
 from pgm_data.lift.players.ik_start import SHORT_M, Aimed, aimed
 from pgm_data.lift.players.ik_twist import beyond, untwisted
 from pgm_data.skeleton import Skeleton, world_joints
 
 EXACT_M = 5e-6
 """Frames that meet their joints this well are not adjusted."""
+FREER = 30.0
+"""By how much less the second round of an adjustment, from where the first ended, holds on to where it began."""
+STEADYING = 2
+"""Rounds in which rotations are drawn to those of their neighbours."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -37,7 +41,12 @@ class FitOptions:
     rest_m: float = 0.01
     """Where positions cannot be met: metres of distance that weigh as much as a radian away from the first guess."""
     steps: int = 30
-    """Of the adjustment of positions that cannot be met by directions alone."""
+    """At most, of the adjustment of positions that cannot be met by directions alone."""
+    change_rad: float = 0.2
+    """Where positions cannot be met: how far a rotation lies from the middle of its neighbours' in time, radians.
+
+    With it, and the distance that is left as the noise, short bones do not tremble; inf: each frame by itself.
+    """
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -161,16 +170,43 @@ def _solved(
     joints = world_joints(parents, allowed, translations)
     off = _furthest(joints, joints_world) > EXACT_M
     if off.any():
-        allowed[off], translations[off] = reached(
-            parents,
-            skeleton.limits,
+        allowed, translations = _adjusted(joints_world, skeleton, allowed, translations, off, frames, options)
+    return wrapped(allowed), translations
+
+
+def _adjusted(
+    joints_world: Float[np.ndarray, "frames joints 3"],
+    skeleton: Skeleton,
+    rotations: Float[np.ndarray, "frames joints 3"],
+    translations: Float[np.ndarray, "frames joints 3"],
+    off: Bool[np.ndarray, " frames"],
+    frames: Int[np.ndarray, " frames"],
+    options: FitOptions,
+) -> tuple[Float[np.ndarray, "frames joints 3"], Float[np.ndarray, "frames joints 3"]]:
+    """Rotations and translations after those that are off were brought near, then steadied by their neighbours."""
+    rotations, translations = rotations.copy(), translations.copy()
+
+    def reach(near: np.ndarray, near_m: float) -> None:
+        rotations[off], translations[off] = reached(
+            skeleton,
             joints_world[off],
-            allowed[off],
+            rotations[off],
             translations[off],
-            rest_m=options.rest_m,
+            near=near[off],
+            near_m=near_m,
             steps=options.steps,
         )
-    return wrapped(allowed), translations
+
+    reach(rotations.copy(), options.rest_m)
+    reach(rotations.copy(), options.rest_m / FREER)
+    if np.isfinite(options.change_rad) and len(rotations) > 2:
+        follows = np.diff(frames) == 1
+        for _ in range(STEADYING):
+            joints = world_joints(skeleton.parents, rotations, translations)
+            noise = float(np.sqrt(np.mean(_residual(joints[off], joints_world[off]) ** 2)))
+            near = bounded(between_neighbours(rotations, follows), skeleton.limits)
+            reach(near, noise / options.change_rad)
+    return rotations, translations
 
 
 def _runs(frames: Int[np.ndarray, " frames"]) -> list[slice]:

@@ -10,65 +10,63 @@ from jaxtyping import Bool, Float, Int
 from pgm_data.geometry.rigid import rotation_from_rotvec, rotvec_from_rotation, skew
 from pgm_data.lift.players.ik_start import descends
 from pgm_data.lift.players.ik_twist import inverse_right_jacobian
-from pgm_data.skeleton import world_from_joints
+from pgm_data.skeleton import Skeleton, world_from_joints
 
 AT_ONCE = 256
 """Frames in one array of derivatives."""
 ENOUGH = 1e-3
 """A frame is done where a step takes less than this share off its cost."""
-FREER = 30.0
-"""By how much less the second round, from where the first ended, holds on to where it began."""
 STUCK = 1e2
 """Damping (m^2) beyond which no step helps."""
 
 
 def reached(
-    parents: Int[np.ndarray, " joints"],
-    limits: Float[np.ndarray, "joints 2 3"],
+    skeleton: Skeleton,
     joints_world: Float[np.ndarray, "frames joints 3"],
     rotations: Float[np.ndarray, "frames joints 3"],
     translations: Float[np.ndarray, "frames joints 3"],
     *,
-    rest_m: float,
+    near: Float[np.ndarray, "frames joints 3"],
+    near_m: float,
     steps: int,
 ) -> tuple[Float[np.ndarray, "frames joints 3"], Float[np.ndarray, "frames joints 3"]]:
     """Rotations and translations after the adjustment.
 
     Args:
-        parents: Index of each joint's parent.
-        limits: Lowest and highest axis-angle vectors, radians.
+        skeleton: Its tree and its limits.
         joints_world: Observed, metres; NaN where not.
-        rotations: To start from, and to stay near where nothing says otherwise; within the limits.
+        rotations: To start from, within the limits.
         translations: Of parent_from_joint, metres; the root's is adjusted, the others are kept.
-        rest_m: Metres that a radian away from the start weighs.
+        near: Rotations to stay near where nothing says otherwise.
+        near_m: Metres that a radian away from them weighs.
         steps: Of Gauss-Newton.
     """
     done_rotations, done_translations = rotations.copy(), translations.copy()
     for first in range(0, len(rotations), AT_ONCE):
         rows = slice(first, first + AT_ONCE)
-        for pull in (rest_m, rest_m / FREER):
-            done_rotations[rows], done_translations[rows] = _adjusted(
-                parents, limits, joints_world[rows], done_rotations[rows], done_translations[rows], pull, steps
-            )
+        done_rotations[rows], done_translations[rows] = _adjusted(
+            skeleton, joints_world[rows], rotations[rows], translations[rows], near[rows], near_m, steps
+        )
     return done_rotations, done_translations
 
 
 def _adjusted(
-    parents: Int[np.ndarray, " joints"],
-    limits: Float[np.ndarray, "joints 2 3"],
+    skeleton: Skeleton,
     joints_world: Float[np.ndarray, "frames joints 3"],
     start: Float[np.ndarray, "frames joints 3"],
     translations: Float[np.ndarray, "frames joints 3"],
-    rest_m: float,
+    near: Float[np.ndarray, "frames joints 3"],
+    near_m: float,
     steps: int,
 ) -> tuple[Float[np.ndarray, "frames joints 3"], Float[np.ndarray, "frames joints 3"]]:
+    parents, limits = skeleton.parents, skeleton.limits
     frames, count = start.shape[:2]
     seen = np.asarray(np.isfinite(joints_world).all(axis=-1))
     goal = np.nan_to_num(joints_world)
     lower, upper = (np.concatenate([limits[:, i].reshape(-1), np.full(3, s * np.inf)]) for i, s in ((0, -1), (1, 1)))
-    rest = np.concatenate([start.reshape(frames, -1), translations[:, 0]], axis=1)
-    weight = np.concatenate([np.full(3 * count, rest_m**2), np.full(3, 1e-12)])
-    values = rest.copy()
+    rest = np.concatenate([near.reshape(frames, -1), translations[:, 0]], axis=1)
+    weight = np.concatenate([np.full(3 * count, near_m**2), np.full(3, 1e-12)])
+    values = np.concatenate([start.reshape(frames, -1), translations[:, 0]], axis=1)
     damping = np.full(frames, 1e-6)
     cost = _cost(_led(parents, values, translations)[1], goal, seen, values - rest, weight)
     rows = np.arange(frames)
@@ -170,6 +168,25 @@ def _normal(
     flat = J.reshape(frames, 3 * count, 3 * count + 3)
     turned = np.swapaxes(flat, 1, 2)
     return turned @ flat, (turned @ (joints - goal).reshape(frames, -1, 1))[..., 0]
+
+
+def between_neighbours(
+    rotations: Float[np.ndarray, "frames joints 3"], follows: Bool[np.ndarray, " steps"]
+) -> Float[np.ndarray, "frames joints 3"]:
+    """Halfway between each rotation's neighbours in time, to first order; itself where it has one or none.
+
+    Args:
+        rotations: Axis-angle vectors.
+        follows: Whether each row but the first is the frame after the row before.
+    """
+    R = rotation_from_rotvec(rotations)
+    ahead = rotvec_from_rotation(np.swapaxes(R[:-1], -1, -2) @ R[1:])
+    back = -ahead
+    inner = np.zeros_like(rotations)
+    both = follows[:-1] & follows[1:]
+    # A step seen from its end is the same vector, as its axis is its own.
+    inner[1:-1] = np.where(both[:, None, None], (ahead[1:] + back[:-1]) / 2, 0.0)
+    return rotations + (inverse_right_jacobian(rotations) @ inner[..., None])[..., 0]
 
 
 def bounded(

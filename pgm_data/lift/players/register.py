@@ -27,7 +27,7 @@ __all__ = ["RegisterOptions", "register_options", "register_player"]
 
 _STRAY_STDS = 6.0
 """A point further off than this does not support its frame."""
-_BUILD_STD_M = 0.02
+_BUILD_STD_M = 0.018
 """How much higher or lower people stand on their feet than the skeleton in the same posture."""
 _WIDE = 12.0
 """How much wider the ground's law is at first than at last."""

@@ -32,7 +32,7 @@ class Sight:
 
 
 def limb_pairs(linkage: Linkage, point_names: tuple[str, ...]) -> Int[np.ndarray, "limbs 2"]:
-    """Pairs of seen points: each and the nearest one above it on its limb, and those of left and right at one height."""
+    """Pairs of seen points: each and the nearest one above it on its limb, and left and right ones of one name."""
     moves = linkage.moves[: linkage.seen]
     depth = moves.sum(axis=1)
     pairs = []

@@ -31,7 +31,7 @@ class MotionLaw:
     lean_std: float = 0.35
     """Of the sine of the trunk's lean; with heavy tails, for people do fall."""
     balance_std: float = 0.1
-    """How far the root is from over the middle of the ankles, level, while both feet stand, metres; with heavy tails."""
+    """How far the root is off the middle of the ankles, level, while both feet stand, metres; with heavy tails."""
     scale_std: float = 0.05
     root_acceleration: tuple[float, float, float] = (4.0, 4.0, 8.0)
     """Standard deviations along world x, y, z while a foot stands, m/s^2; nobody changes speed at will."""
