@@ -204,6 +204,7 @@ def _people(options: Annotated[PeopleTraining, tyro.conf.arg(name="")]) -> int:
     for name, value in {"--courts": options.courts, "--people": options.people}.items():
         if value < 1:
             raise option_error(name, expected="1 or more", got=value)
+    from pgm_data.detect.players.person_network import PERSON_NETWORK
     from pgm_models.detectors.person_run import PersonRunOptions, export_people_run, train_people
 
     run = PersonRunOptions(
@@ -219,11 +220,13 @@ def _people(options: Annotated[PeopleTraining, tyro.conf.arg(name="")]) -> int:
         threads=options.threads,
         seed=options.seed,
     )
-    if not options.export_only:
-        outcome = train_people(run, command=_command(), show=_show)
-        if outcome.state == "interrupted":
-            return _interrupted(outcome)
-    print(f"wrote {export_people_run(run, show=_show)}")
+    if options.export_only:
+        print(f"wrote {export_people_run(run, show=_show)}")
+        return 0
+    outcome = train_people(run, command=_command(), show=_show)
+    if outcome.state == "interrupted":
+        return _interrupted(outcome)
+    print(f"wrote {options.out / PERSON_NETWORK}")
     return 0
 
 

@@ -21,6 +21,11 @@ LONGEST_STEP_S = 0.3
 """Frames further apart than this are not joined."""
 STILL_M, STILL_M_S = 0.35, 0.8
 """A player that goes no further and no faster stays where it is."""
+STILL_SLACK_M = 0.3
+"""By how much uncertain positions may seem to wander at most."""
+LEAST_JUMP_M = 0.2
+FALL_S, FALL_M_S = 0.16, 1.1
+"""Rising speed that a body in the air loses in that time, at the least."""
 LEAST_MOVE_M = 0.45
 STRAIGHT = 0.65
 """Displacement over length of a way that counts as one way."""
@@ -160,7 +165,8 @@ def movement_between(path: PlayerPath, start_s: float, end_s: float, *, has_net:
     distance, length, top = float(np.hypot(*net)), float(steps.sum()), float(speed.max())
     extent = float(np.hypot(*np.ptp(position, axis=0)))
     motion, way, second_way, gait = "", "", "", ""
-    if top < STILL_M_S and extent < STILL_M:
+    slack = min(2 * doubt, STILL_SLACK_M)
+    if top < STILL_M_S + 2 * slack and extent < STILL_M + slack:
         motion = "still"
     elif _turns(position, steps, turn, doubt):
         motion = "turns"
@@ -247,14 +253,17 @@ def _share_ahead(position: np.ndarray, heading: np.ndarray) -> float:
 
 
 def _jumps(path: PlayerPath, first: int, last: int) -> bool:
-    """Whether both feet leave the ground while the root rises by more than a step does."""
-    off = path.off_ground[first : last + 1]
-    height = path.height[first : last + 1]
-    if not np.isfinite(off).all():
+    """Whether the player leaves the ground, rises and is pulled back as a body in the air is; a climb is no jump."""
+    off, height = path.off_ground[first : last + 1], path.height[first : last + 1]
+    window = int(FALL_S * RATE_HZ)
+    if not np.isfinite(off).all() or len(off) <= window:
         return False
     peak = int(np.argmax(height))
-    rise = float(height[peak] - height[: peak + 1].min())
-    return rise > 0.25 and float(off[max(peak - 5, 0) : peak + 6].max()) > 0.6
+    rise = np.gradient(height) * RATE_HZ
+    lost = rise[:-window] - rise[window:]
+    in_air = np.lib.stride_tricks.sliding_window_view(off > 0.5, window + 1).all(axis=1)
+    falls = bool((in_air & (lost > FALL_M_S)).any())
+    return falls and float(height[peak] - height[: peak + 1].min()) > LEAST_JUMP_M
 
 
 def changes_of(path: PlayerPath) -> Float[np.ndarray, " changes"]:

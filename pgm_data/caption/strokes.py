@@ -49,7 +49,7 @@ def hit_facts(
     taken_x = contacts.taken[:, 0]
     scale = size.half_width / 4.115 if np.isfinite(size.half_width) else 1.0
     no_doubt = np.full(count, 0.2)
-    in_air = ~lands & np.isfinite(taken_x)
+    in_air = np.isfinite(taken_x) & (target.zone == "") & ~is_serve
     zone_side[in_air] = across(taken_x, no_doubt, middle=0.8 * scale, beside=1.5 * scale)[in_air]
     direction = directions(contacts.ball[:, 0], contacts.landing[:, 0], contacts.landing_std[:, 0], size)
     direction[is_serve] = ""
@@ -97,9 +97,15 @@ def _serves(contacts: Contacts, areas: CourtAreas, scene: Scene) -> Bool[np.ndar
     """Hits high above the head from behind the baseline, with no hit before them: on courts with service boxes."""
     with np.errstate(invalid="ignore"):
         high = contacts.ball[:, 2] > 1.15 * scene.person_height_m
-        behind = -contacts.body[:, 1] > areas.half_length - 0.8
+        # The ball is hit some decimetres inside of the line.
+        behind = _depth(contacts) > areas.half_length - np.where(np.isfinite(contacts.body[:, 1]), 0.8, 1.5)
     pause = np.diff(contacts.time, prepend=-np.inf) > SERVE_PAUSE_S
     return high & behind & pause & areas.has_boxes
+
+
+def _depth(contacts: Contacts) -> Float[np.ndarray, " hits"]:
+    """How far from the net the player is, metres; where that is not known, how far the ball is."""
+    return -np.where(np.isfinite(contacts.body[:, 1]), contacts.body[:, 1], contacts.ball[:, 1])
 
 
 def _overhead(contacts: Contacts, scene: Scene) -> Bool[np.ndarray, " hits"]:
@@ -168,18 +174,20 @@ def _strokes(
     words = np.full(len(contacts.event), "", dtype=object)
     if areas.has_boxes:
         since, seen = _bounced(contacts, ball)
-        x, y = contacts.body[:, 0], -contacts.body[:, 1]
+        y = _depth(contacts)
         with np.errstate(invalid="ignore"):
             words[seen & (np.isfinite(since) | (y > areas.service_line + 3.0))] = "groundstroke"
             words[seen & (since < 0.11) & (contacts.ball[:, 2] < 0.65)] = "half volley"
-            words[seen & np.isinf(since) & (y < areas.service_line + 2.0) & np.isfinite(x)] = "volley"
+            words[seen & np.isinf(since) & (y < areas.service_line + 2.0)] = "volley"
             lands_short = contacts.landing[:, 1] + SURE * contacts.landing_std[:, 1] < 4.3
             words[lands_short & (contacts.landing[:, 1] > 0) & (contacts.speed < DROP_M_S) & ~overhead] = "drop shot"
             words[(contacts.apex > LOB_M) & (contacts.apex > contacts.ball[:, 2] + 1.5)] = "lob"
     with np.errstate(invalid="ignore"):
         falls = contacts.apex < contacts.ball[:, 2] + 0.5
         if scene.ball is not None and areas.is_walked_on:
-            words[overhead & falls & (contacts.speed > SMASH_M_S)] = "smash"
+            words[overhead & falls & (contacts.speed > SMASH_M_S) & (_depth(contacts) < 1.2 * areas.half_length)] = (
+                "smash"
+            )
     words[is_serve] = "serve"
     return words
 

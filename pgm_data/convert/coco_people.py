@@ -77,6 +77,18 @@ LEAST_SIGMA_PX = 0.5
 MOST_POINTS = 1000
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Reading:
+    """What is the same for all annotations."""
+
+    players: tuple[SceneObject, ...]
+    point_names: tuple[str, ...]
+    """Points of the players' skeleton."""
+    options: PeopleOptions
+    has_scores: bool
+    """Whether scores stand third of keypoints, not levels of visibility."""
+
+
 @dataclass(kw_only=True)
 class _Rows:
     """Annotations while they are read, one a person and frame."""
@@ -111,7 +123,6 @@ def read_coco_people(
     options = options or PeopleOptions()
     if not players or players[0].skeleton is None:
         raise ValueError(f"{path}: players: expected a scene with player objects, got one without")
-    names = players[0].skeleton.point_names
     content = read_foreign_json(path)
     is_results = isinstance(content, list)
     annotations = objects_of(path, "annotations", content if is_results else key_of(path, content, "annotations"))
@@ -119,7 +130,12 @@ def read_coco_people(
     categories = {} if is_results else categories_of(path, content)
     frame = frames_of_images(path, images, clip, options.first_number)
     at = {image["id"]: (int(frame[row]), video_scale(path, row, image, options)) for row, image in enumerate(images)}
-    has_scores = is_results or _third_values(annotations) - {0, 1, 2} != set()
+    reading = _Reading(
+        players=players,
+        point_names=players[0].skeleton.point_names,
+        options=options,
+        has_scores=is_results or _third_values(annotations) - {0, 1, 2} != set(),
+    )
     rows = _Rows()
     seen: set[Any] = set()
     for index, annotation in enumerate(annotations):
@@ -134,7 +150,7 @@ def read_coco_people(
             own, scale = at[image_id]
             if category is None or own < 0 or annotation.get("iscrowd", 0):
                 continue
-            _append(rows, annotation, category, own, scale, (players, names, options, has_scores))
+            _append(rows, annotation, category, own, scale, reading)
         except FieldError as error:
             raise ValueError(str(error.at(place))) from error
     return _players(path, rows, clip, players, options)
@@ -146,10 +162,9 @@ def _append(
     category: CocoCategory,
     frame: int,
     scale: np.ndarray,
-    how: tuple[tuple[SceneObject, ...], tuple[str, ...], PeopleOptions, bool],
+    reading: _Reading,
 ) -> None:
-    players, names, options, has_scores = how
-    points = _points(annotation, category, names, options, has_scores)
+    points = _points(annotation, category, reading)
     points[:, :2] = (points[:, :2] + 0.5) * scale - 0.5
     box = np.full(4, np.nan)
     if annotation.get("bbox") is not None:
@@ -168,7 +183,7 @@ def _append(
     rows.points.append(points)
     attributes = annotation.get("attributes", {})
     attributes = attributes if isinstance(attributes, dict) else {}
-    objects = [player.name for player in players]
+    objects = [player.name for player in reading.players]
     said = annotation.get("player", attributes.get("player", category.name))
     rows.player.append(objects.index(said) if said in objects else -1)
     track = annotation.get("track_id", attributes.get("track_id"))
@@ -221,11 +236,9 @@ def _spreads(names: tuple[str, ...]) -> Float[np.ndarray, " points"]:
     return np.array([SPREAD.get(name, OTHER_SPREAD) for name in plain])
 
 
-def _points(
-    annotation: dict[str, Any], category: CocoCategory, names: tuple[str, ...], options: PeopleOptions, has_scores: bool
-) -> Float[np.ndarray, "points 3"]:
+def _points(annotation: dict[str, Any], category: CocoCategory, reading: _Reading) -> Float[np.ndarray, "points 3"]:
     """x, y, score of the scene's points; NaN where the annotation has none."""
-    points = np.full((len(names), 3), np.nan)
+    points = np.full((len(reading.point_names), 3), np.nan)
     raw = annotation.get("keypoints")
     if raw is None:
         return points
@@ -236,15 +249,15 @@ def _points(
     if len(own) * 3 != len(raw):
         raise FieldError("keypoints", f"3 numbers for each of {len(own)} named points", f"{len(raw)} numbers")
     values = np.array(numbers_of("keypoints", raw, len(raw))).reshape(-1, 3)
-    if not has_scores:
-        values[:, 2] = np.array([0.0, options.hidden_score, 1.0])[values[:, 2].astype(int)]
+    if not reading.has_scores:
+        values[:, 2] = np.array([0.0, reading.options.hidden_score, 1.0])[values[:, 2].astype(int)]
         values[values[:, 2] == 0, :2] = np.nan
         values[:, 2] = _stored_scores(annotation, values[:, 2])
     elif not ((values[:, 2] >= 0) & (values[:, 2] <= 1)).all():
         wrong = values[~((values[:, 2] >= 0) & (values[:, 2] <= 1)), 2][0]
         raise FieldError("keypoints", "v of 0, 1, 2, or throughout scores of 0 to 1", f"{wrong:g}")
     values[(values[:, 2] == 0) | np.isnan(values[:, 0])] = np.nan
-    plain = [plain_name(name) for name in names]
+    plain = [plain_name(name) for name in reading.point_names]
     for row, name in enumerate(own):
         if name in plain:
             points[plain.index(name)] = values[row]

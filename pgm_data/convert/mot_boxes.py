@@ -68,7 +68,12 @@ def read_mot_boxes(
         got = f"{values[row, 1]:g} {counts.max()} times"
         raise ValueError(f"{path}: line {lines[row]}: id: expected each id once in a frame, got {got}")
     if values.shape[1] == ANNOTATION_COLUMNS:
-        values = values[(values[:, 6] != 0) & (values[:, 7] == PEDESTRIAN)]
+        counted = (values[:, 6] != 0) & (values[:, 7] == PEDESTRIAN)
+        if not counted.any():
+            got = ", ".join(f"{number:g}" for number in np.unique(values[:, 7])[:5])
+            expected = f"rows that count (conf not 0) of class {PEDESTRIAN}, a pedestrian"
+            raise ValueError(f"{path}: class: expected {expected}, got none, of classes {got}")
+        values = values[counted]
     frame = in_clip(values[:, 0].astype(np.int64) - first, clip)
     own = frame >= 0
     if not own.any():

@@ -20,8 +20,6 @@ from pgm_data.convert.posed_pictures import LARGEST_SIDE, FieldError
 from pgm_data.geometry.camera import Camera
 
 FRAME_NAME = re.compile(r"([0-9]{5})\.(png|jpg|jpeg|bmp)", re.ASCII)
-MOST_FRAMES = 100_000
-"""Five digits."""
 MOST_OBJECTS = 64
 NO_FOCAL_PX = 1.0
 """What the loader's made-up focal lengths (0 and 1) do not exceed."""

@@ -106,8 +106,10 @@ def main_captions(captions: Mapping[str, np.ndarray], player: int, count: int) -
     rows = np.flatnonzero((captions["player"] == player) & (captions["alternative"] == 0))
     rows = rows[np.argsort(captions["start_frame"][rows], kind="stable")]
     for row in rows:
-        start, end = int(captions["start_frame"][row]), min(int(captions["end_frame"][row]), count)
-        texts[start:end] = [str(captions["text"][row])] * (end - start)
+        # A span that leaves its clip is a fault of its own.
+        start, end = max(int(captions["start_frame"][row]), 0), min(int(captions["end_frame"][row]), count)
+        if start < end:
+            texts[start:end] = [str(captions["text"][row])] * (end - start)
     return texts
 
 

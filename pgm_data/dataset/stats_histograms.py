@@ -57,7 +57,7 @@ def _binned(
     if not len(values):
         return Histogram(name=name, title=title, unit=unit, counts=(), edges=())
     low, high = float(values.min()), float(values.max())
-    width = _round_width(max(high - low, 1e-9) / MOST_BINS)
+    width = _round_width(max(high - low, 0.01 * max(abs(high), 1.0)) / MOST_BINS)
     if whole:
         width = max(1.0, float(np.ceil(width)))
     start = np.floor(low / width) * width

@@ -94,6 +94,7 @@ def players_of_clips(
                 model=model,
                 why_no_model=why_no_model,
             )
+            _propose_graphics(work, clip, pictures, options)
             outcomes.append(_placed(work, clip, found, scene, options))
         except ValueError as error:
             outcomes.append(PlayersOutcome(clip_id=clip.clip_id, state="failed", reason=str(error)))

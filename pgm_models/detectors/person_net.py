@@ -3,6 +3,7 @@
 import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor, nn
+from torch.nn import functional as F
 
 from pgm_data.detect.players.person_network import CHANNELS
 from pgm_models.detectors.heatmap_net import ConvNorm, Residual, Up
@@ -11,6 +12,8 @@ RARE = -4.0
 """Logit of a person in a cell before anything is learned."""
 WIDTHS = (20, 32, 40)
 """Channels at strides 4, 8 and 16."""
+LOOKS = (24, 8)
+"""Channels in which looks are compared, which tell who plays, and of what is kept of them."""
 
 
 class PersonNet(nn.Module):
@@ -25,7 +28,9 @@ class PersonNet(nn.Module):
         self.down16 = nn.Sequential(ConvNorm(s8, s16, stride=2), Residual(s16))
         self.up8 = Up(s16, s8)
         self.up4 = Up(s8, fine)
-        self.head = nn.Conv2d(fine, len(CHANNELS), 1)
+        inner, kept = LOOKS
+        self.looks = nn.Sequential(ConvNorm(s8, inner), ConvNorm(inner, inner), nn.Conv2d(inner, kept, 1))
+        self.head = nn.Conv2d(fine + kept, len(CHANNELS), 1)
         nn.init.zeros_(self.head.weight)
         said = torch.zeros(len(CHANNELS))
         said[0] = RARE
@@ -43,4 +48,5 @@ class PersonNet(nn.Module):
         x4 = self.stem(torch.cat(parts, dim=1))
         x8 = self.down8(x4)
         x8 = self.up8(self.down16(x8), x8)
-        return self.up4(x8, x4)
+        looks = F.interpolate(self.looks(x8), scale_factor=2.0, mode="bilinear", align_corners=False)
+        return torch.cat([self.up4(x8, x4), looks], dim=1)

@@ -18,11 +18,13 @@ from pgm_models.detectors.export import fold_norms, strip_sources, write_model
 from pgm_models.detectors.person_backdrops import prepare_backdrops
 from pgm_models.detectors.person_figures import Cast, draw_cast
 from pgm_models.detectors.person_net import PersonNet
-from pgm_models.detectors.person_task import PersonTask, PersonTaskOptions, calibrate, score
+from pgm_models.detectors.person_task import PersonTask, PersonTaskOptions, calibrate, judge, score
 from pgm_models.train import Outcome, TrainOptions, train
 
 HELD_OUT_SEED = 1_000_000
 """Added to the seed of what is held out."""
+HELD_OUT_PIECES = 36
+"""Of each court that is held out."""
 VIEWS = 6
 """Pictures of a court."""
 
@@ -69,7 +71,7 @@ def person_task(options: PersonRunOptions, *, show: Callable[[str], None] = lamb
     show(f"{options.people} players and {options.people // 2} others are dressed")
     casts = (_cast(seed, scene, options.people), _cast(other, scene, max(2, options.people // 6)))
     shown = PersonTaskOptions(batch=options.batch, seed=options.seed)
-    return PersonTask(scene, backdrops, held_out, casts, shown)
+    return PersonTask(scene, backdrops, held_out, casts, shown, held_out_pieces=HELD_OUT_PIECES * held)
 
 
 def _cast(seed: int, scene: Scene, players: int) -> Cast:
@@ -81,7 +83,7 @@ def _cast(seed: int, scene: Scene, players: int) -> Cast:
 def train_people(
     options: PersonRunOptions, *, command: list[str], show: Callable[[str], None] = lambda line: None
 ) -> Outcome:
-    """Train a person network, or go on with the run that is there.
+    """Train a person network, or go on with the run that is there; a finished run holds its ONNX file.
 
     Raises:
         ValueError: If the scene has no court.
@@ -101,18 +103,24 @@ def train_people(
         clip=10.0,
         checkpoint_minutes=3.0,
     )
-    return train(network, task, training, options.run, provenance=provenance(command), show=show)
+    outcome = train(network, task, training, options.run, provenance=provenance(command), show=show)
+    if outcome.state == "done":
+        _export(options.run, task, show=show)
+    return outcome
 
 
 def export_people_run(options: PersonRunOptions, *, show: Callable[[str], None] = lambda line: None) -> Path:
     """Score and calibrate the run's averaged weights on what is held out and write them as ONNX; the file's path."""
-    run, task = options.run, person_task(options)
+    return _export(options.run, person_task(options), show=show)
+
+
+def _export(run: Path, task: PersonTask, *, show: Callable[[str], None]) -> Path:
     checkpoint = load_checkpoint(run / CHECKPOINT_NAME)
     network = PersonNet()
     network.load_state_dict(dict(checkpoint.average))
     network.eval()
-    answers, truths = task.held_out_answers(network)
-    figures = score(answers, truths)
+    judged = judge(*task.held_out_answers(network))
+    figures = score(judged)
     show("held out: " + "  ".join(f"{name} {value:.4g}" for name, value in figures.items()))
     with whole_file(run / "held_out.json") as temporary:
         temporary.write_text(json.dumps(figures, indent=1) + "\n")
@@ -124,7 +132,7 @@ def export_people_run(options: PersonRunOptions, *, show: Callable[[str], None] 
         "held_out": figures,
     }
     path = run / PERSON_NETWORK
-    export_people(network, calibrate(answers, truths), path, about=about)
+    export_people(network, calibrate(judged), path, about=about)
     return path
 
 

@@ -9,8 +9,8 @@ from jaxtyping import Float, UInt8
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from pgm_data.detect.players.person_network import PersonCalibration, read_peaks
-from pgm_data.detect.players.person_strips import LEAST_DEPTH_M, ROWS, searched_ground
+from pgm_data.detect.players.person_network import STRIDE, PersonCalibration, read_peaks
+from pgm_data.detect.players.person_strips import LEAST_DEPTH_M, PERSON_PX, ROWS, searched_ground
 from pgm_data.scene import Scene
 from pgm_models.detectors.augment import AugmentOptions, random_look
 from pgm_models.detectors.ball_task import focal_loss
@@ -34,6 +34,8 @@ from pgm_models.train import Batch, Task
 
 LOOKS = AugmentOptions(colour=0.75, grey=0.06, soften=0.55, shade=0.15, occlude=0.06, noise=0.2, jpeg=0.4)
 """Changes of a piece's looks."""
+LEAST = -3.5
+"""Logit of a person under which a peak is not judged; a network that has learned nothing says less."""
 CLOSE_PX = 10.0
 """A peak with its feet this close to a person's has found it, strip pixels."""
 
@@ -66,7 +68,7 @@ class PersonTask(Task):
         options: PersonTaskOptions,
         looks: AugmentOptions = LOOKS,
         *,
-        held_out_pieces: int = 288,
+        held_out_pieces: int,
     ) -> None:
         """`casts`: who is put onto the courts that are trained on, and onto the courts held out."""
         self.options, self.looks = options, looks
@@ -144,7 +146,7 @@ class PersonTask(Task):
 
     def validate(self, network: nn.Module) -> dict[str, float]:
         """Recall, precision and errors on pieces of courts held out."""
-        return score(*self.held_out_answers(network))
+        return score(judge(*self.held_out_answers(network)))
 
     @torch.no_grad()
     def held_out_answers(self, network: nn.Module) -> tuple[np.ndarray, list[Truth]]:
@@ -191,15 +193,15 @@ class Judged:
 
 def judge(answers: Float[np.ndarray, "pieces channels high wide"], truths: list[Truth]) -> Judged:
     """Each peak against the people there; peaks where nothing is asked are left out."""
-    peaks = read_peaks(answers.astype(np.float32), least=-4.0)
+    peaks = read_peaks(answers.astype(np.float32), least=LEAST)
     right, plays = np.zeros(len(peaks.strip), bool), np.zeros(len(peaks.strip), bool)
     feet, asked = np.full(len(peaks.strip), np.nan), np.ones(len(peaks.strip), bool)
     people = 0
     for k, truth in enumerate(truths):
         rows, columns = np.nonzero((truth.heat == 1.0) & (truth.counted > 0))
         people += len(rows)
-        middles = np.stack([columns, rows], axis=1) * 4.0 + 1.5
-        stand = middles + 48.0 * truth.place[4:6, rows, columns].T
+        middles = (np.stack([columns, rows], axis=1) + 0.5) * STRIDE - 0.5
+        stand = middles + PERSON_PX * truth.place[4:6, rows, columns].T
         taken = np.zeros(len(rows), bool)
         for p in np.flatnonzero(peaks.strip == k):
             away = np.linalg.norm(stand - peaks.feet[p], axis=1) + 1e6 * taken
@@ -208,9 +210,9 @@ def judge(answers: Float[np.ndarray, "pieces channels high wide"], truths: list[
                 taken[best], right[p], feet[p] = True, True, away[best]
                 plays[p] = truth.player[rows[best], columns[best]] > 0.5
             else:
-                column, row = np.clip(
-                    np.round((peaks.feet[p] - [0.0, 24.0] - 1.5) / 4).astype(int), 0, [COLUMNS // 4 - 1, ROWS // 4 - 1]
-                )
+                middle = peaks.feet[p] - np.array([0.0, 0.5 * PERSON_PX])
+                cell = np.floor((middle + 0.5) / STRIDE).astype(int)
+                column, row = np.clip(cell, 0, [COLUMNS // STRIDE - 1, ROWS // STRIDE - 1])
                 asked[p] = truth.counted[row, column] > 0
     return Judged(
         person=peaks.person[asked],
@@ -222,9 +224,8 @@ def judge(answers: Float[np.ndarray, "pieces channels high wide"], truths: list[
     )
 
 
-def score(answers: np.ndarray, truths: list[Truth]) -> dict[str, float]:
+def score(judged: Judged) -> dict[str, float]:
     """Recall at a precision of 0.9, share of people rightly told to play or not, and the median error of the feet."""
-    judged = judge(answers, truths)
     order = np.argsort(-judged.person)
     right = np.cumsum(judged.right[order])
     precise = right >= 0.9 * np.arange(1, len(order) + 1)
@@ -238,9 +239,8 @@ def score(answers: np.ndarray, truths: list[Truth]) -> dict[str, float]:
     }
 
 
-def calibrate(answers: np.ndarray, truths: list[Truth]) -> PersonCalibration:
+def calibrate(judged: Judged) -> PersonCalibration:
     """Slopes and shifts of the network's logits by logistic regression on held-out pieces."""
-    judged = judge(answers, truths)
     right = judged.right
     person = _fitted(judged.person, right)
     player = _fitted(judged.player[right], judged.plays[right])
@@ -250,7 +250,7 @@ def calibrate(answers: np.ndarray, truths: list[Truth]) -> PersonCalibration:
 
 
 def _fitted(logits: np.ndarray, true: np.ndarray) -> tuple[float, float]:
-    """Slope, between 0.2 and 2, and shift of a logistic regression; 1 and 0 where there is not enough of both."""
+    """Slope, between 0.2 and 4, and shift of a logistic regression; 1 and 0 where there is not enough of both."""
     if min(int(true.sum()), int((~true).sum())) < 10:
         return 1.0, 0.0
     from scipy.optimize import minimize
@@ -259,5 +259,5 @@ def _fitted(logits: np.ndarray, true: np.ndarray) -> tuple[float, float]:
         z = at[0] * logits + at[1]
         return float(np.mean(np.logaddexp(0.0, z) - true * z))
 
-    found = minimize(loss, np.array([1.0, 0.0]), bounds=[(0.2, 2.0), (-4.0, 4.0)]).x
+    found = minimize(loss, np.array([1.0, 0.0]), bounds=[(0.2, 4.0), (-4.0, 4.0)]).x
     return float(found[0]), float(found[1])

@@ -155,6 +155,10 @@ def test_a_track_that_goes_over_to_the_other_player_is_followed_by_place(tmp_pat
         ([[-1, 1, 5, 5, 3, 4, 1]], "line 1: frame: expected 0 to 2000000, got -1"),
         ([[10**18, 1, 5, 5, 3, 4, 1]], "line 1: frame: expected 0 to 2000000"),
         ([[500, 1, 5, 5, 3, 4, 1]], "frame: expected frames of the clip, 10 to 15 of the video, got none of them"),
+        (
+            [[11, 1, 5, 5, 3, 4, 1, 0, 1]],
+            "class: expected rows that count .conf not 0. of class 1, a pedestrian, got none",
+        ),
         ([[11, 1, 5]], "line 1: expected 6 to 10 values, got 3"),
         ([["a", "b", "c", "d", "e", "f"]], "line 1: expected a text of rows frame,id,left"),
         ([], "expected a text of rows frame,id,left,top,width,height,conf, got none"),

@@ -161,17 +161,17 @@ def test_perfect_answers_score_perfectly_and_calibrate_upwards(courts):
     task = PersonTask(TENNIS, courts, courts, (cast(), cast()), PersonTaskOptions(), held_out_pieces=48)
     truths = [truth for _, truth in task._held_out]
     answers = np.stack([answer_of(truth) for truth in truths])
-    figures = score(answers, truths)
+    figures = score(judge(answers, truths))
     assert figures["recall_at_half"] > 0.97 and figures["precision_at_half"] > 0.99 and figures["role"] > 0.97
     assert figures["feet_px"] < 1e-3
     silent = answers.copy()
     silent[:, 0] = -9.0
-    assert score(silent, truths)["recall"] == 0.0
+    assert score(judge(silent, truths))["recall"] == 0.0
     noisy = (
         answers + np.random.default_rng(0).normal(0, 3, answers.shape) * (np.arange(len(CHANNELS)) < 2)[:, None, None]
     )
-    said = calibrate(noisy, truths)
     judged = judge(noisy, truths)
+    said = calibrate(judged)
     assert abs(said.person(judged.person).mean() - judged.right.mean()) < 0.02
 
 

@@ -100,7 +100,7 @@ def match_identities(
     names = {clip.looks.names for clip in clips}
     if len(names) > 1 or any(len(each) > len(PERSONS) for each in names):
         raise ValueError(f"match {match_id}: players: expected the same one or two in every clip, got {sorted(names)}")
-    runs = [np.cumsum(clip.cut) for clip in clips]
+    runs = [np.unique(np.cumsum(clip.cut), return_inverse=True)[1] for clip in clips]
     first = np.cumsum([0, *(int(run.max(initial=-1)) + 1 for run in runs)])
     if names and len(next(iter(names))) == 2:
         differences = _differences(clips, runs, options)

@@ -81,7 +81,10 @@ def look(
             raise ValueError(f"{clip.clip_id}: {name}: expected {frames} frames, got {rows}")
     height = boxes.boxes_px[..., 3] - boxes.boxes_px[..., 1]
     good = (boxes.status == "measured") & (height >= options.least_height_px) & ~clip.is_duplicate[:, None]
-    chosen = chosen_frames(np.asarray(good), np.zeros(frames, dtype=bool) if cut is None else cut, options)
+    cut = np.zeros(frames, dtype=bool) if cut is None else cut
+    if poses is not None:
+        good = _with_points(good, np.asarray(poses.found.any(axis=-1)), np.cumsum(cut))
+    chosen = chosen_frames(np.asarray(good), cut, options)
     descriptors = np.full((frames, players, len(NUMBERS)), np.nan)
     weight = np.zeros((frames, players))
     last = int(np.flatnonzero(chosen.any(axis=1)).max(initial=-1))
@@ -115,6 +118,16 @@ def chosen_frames(
         rows = together if len(together) else np.flatnonzero(inside & good.any(axis=1))
         chosen[_spread(rows, share)] = True
     return chosen & good
+
+
+def _with_points(
+    good: Bool[np.ndarray, "frames players"], found: Bool[np.ndarray, "frames players"], run: Int[np.ndarray, " frames"]
+) -> Bool[np.ndarray, "frames players"]:
+    """Those frames whose body points are known, of players who have such frames in a run; else all."""
+    preferred = good & found
+    runs, place = np.unique(run, return_inverse=True)
+    some = np.array([preferred[run == each].any(axis=0) for each in runs], dtype=bool).reshape(-1, good.shape[1])
+    return np.asarray(np.where(some[place], preferred, good))
 
 
 def _spread(rows: Int[np.ndarray, " rows"], count: int) -> Int[np.ndarray, " some"]:

@@ -19,16 +19,6 @@ LEAST_BOX_M = 0.2
 """Least side of a smoothed box, metres."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class PathOptions:
-    """How boxes are made along a path."""
-
-    longest_gap_s: float = 1.0
-    """Longest time without the player that is bridged, s."""
-    window_s: float = 0.12
-    """Standard deviation of the times over which boxes are smoothed, s."""
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PathBoxes:
     """One player in the frames of a clip."""
@@ -55,12 +45,24 @@ class PathBoxes:
 def boxes_along(
     people: PersonCandidates,
     path: Int[np.ndarray, " visited"],
+    spans: Int[np.ndarray, " visited"],
     clip: ClipCamera,
+    *,
     size: tuple[int, int],
     scene: Scene,
-    options: PathOptions,
+    window_s: float,
 ) -> PathBoxes:
-    """The boxes of one player in all frames."""
+    """The boxes of one player in all frames.
+
+    Args:
+        people: Everybody.
+        path: Rows of the player, in order of their frames.
+        spans: Number of the stretch that each belongs to; nothing is smoothed or bridged from one to the next.
+        clip: Times and cameras.
+        size: Width and height of the pictures, px.
+        scene: How tall people are, and on what ground.
+        window_s: Standard deviation of the times over which boxes are smoothed, s.
+    """
     rows = len(clip.status)
     source = source_frames(clip)
     nobody = PathBoxes(
@@ -76,14 +78,13 @@ def boxes_along(
     seen = _metric_boxes(people.boxes_px[path], frames, clip, scene)
     # A box that meets no ground says nothing of its size in metres.
     good = np.isfinite(seen).all(axis=1)
-    path, frames, seen = path[good], frames[good], seen[good]
+    path, frames, seen, spans = path[good], frames[good], seen[good], spans[good]
     if not len(path):
         return nobody
     time, times = clip.capture_time[frames], clip.capture_time
-    spans = np.cumsum(np.r_[0, np.diff(time) > options.longest_gap_s])
     # The ground point of the detector need not lie at the middle of the lower edge.
     offset = people.ground_world[path] - seen[:, :2]
-    smooth = _smoothed(np.concatenate([seen, offset], axis=1), time, spans, options.window_s)
+    smooth = _smoothed(np.concatenate([seen, offset], axis=1), time, spans, window_s)
     before = np.searchsorted(frames, source, side="right") - 1
     after = np.searchsorted(frames, source, side="left")
     inside = (before >= 0) & (after < len(frames)) & clip.has_camera
@@ -148,27 +149,31 @@ def _smoothed(
     spans: Int[np.ndarray, " visited"],
     window_s: float,
 ) -> Float[np.ndarray, "visited numbers"]:
-    """Each value as the straight line through those around says, of its own span; outliers count little."""
+    """Each value as the parabola through those around says, of its own span; outliers count little."""
     result = values.copy()
     for span in np.unique(spans):
         rows = np.flatnonzero(spans == span)
         for _ in range(2):  # The second time the outliers of the first are known.
             reference = result[rows]
-            result[rows] = _local_lines(values[rows], reference, time[rows], window_s)
+            result[rows] = _local_curves(values[rows], reference, time[rows], window_s)
     return result
 
 
+RIDGE = 0.01
+"""Weight of a level line against that of the values."""
+LEAST_SPREAD_M = 0.03
+"""Least standard deviation of a box's place and sides, metres."""
 REACH = 3.0
 """Smoothing windows on either side that count."""
 
 
-def _local_lines(
+def _local_curves(
     values: Float[np.ndarray, "visited numbers"],
     reference: Float[np.ndarray, "visited numbers"],
     time: Float[np.ndarray, " visited"],
     window_s: float,
 ) -> Float[np.ndarray, "visited numbers"]:
-    """Weighted lines through the neighbours of each value, at its own time."""
+    """Weighted parabolas through the neighbours of each value, at its own time."""
     count = len(time)
     first = np.searchsorted(time, time - REACH * window_s, side="left")
     last = np.searchsorted(time, time + REACH * window_s, side="right")
@@ -178,13 +183,12 @@ def _local_lines(
     at = np.minimum(at, count - 1)
     passed = time[at] - time[:, None]
     error = np.abs(values - reference)
-    scale = np.maximum(1.4826 * np.median(error, axis=0), 1e-6)
+    scale = np.maximum(1.4826 * np.median(error, axis=0), LEAST_SPREAD_M)
     trust = 1 / (1 + (error / (3 * scale)) ** 2)
     weight = (np.exp(-0.5 * (passed / window_s) ** 2) * inside)[..., None] * trust[at]
-    passed = passed[..., None]
-    w, wt, wtt = weight.sum(1), (weight * passed).sum(1), (weight * passed**2).sum(1)
-    wv, wtv = (weight * values[at]).sum(1), (weight * passed * values[at]).sum(1)
-    # A ridge keeps a lone value, or two at one time, on a level line.
-    wtt = wtt + 1e-6 * window_s**2 * w + 1e-12
-    det = w * wtt - wt**2
-    return (wtt * wv - wt * wtv) / det
+    powers = (passed / window_s)[..., None] ** np.arange(3)
+    normal = np.einsum("nkv,nki,nkj->nvij", weight, powers, powers)
+    right = np.einsum("nkv,nki,nkv->nvi", weight, powers, values[at])
+    # A small weight on slope and curvature keeps a lone value, or two, on a level line.
+    normal += RIDGE * normal[..., :1, :1] * np.diag([0.0, 1.0, 1.0])
+    return np.linalg.solve(normal, right[..., None])[..., 0, 0]

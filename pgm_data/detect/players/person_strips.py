@@ -29,6 +29,8 @@ NODE_PX = 8
 MOST_STRIPS = 24
 GROWTH = 1.2
 """Largest step from one depth to the next, as a factor."""
+LEAST_SEEN = 0.3
+"""Share of a person's height that a strip's picture must show."""
 LEAST_DEPTH_M = 2.0
 LEAST_HEIGHT_M = 0.5
 """Of a camera over the ground, for strips to make sense."""
@@ -206,12 +208,12 @@ def _shows(
     tall: float,
     size: tuple[int, int],
 ) -> np.ndarray:
-    """Whether the picture's rows show anything between the feet and the heads of people at these depths."""
+    """Whether the picture's rows show `LEAST_SEEN` or more of people at these depths."""
     middle = np.where(spans[:, 1] > spans[:, 0], 0.5 * np.nan_to_num(spans, posinf=0.0, neginf=0.0).sum(axis=1), 0.0)
-    ends = [view.world(depths, middle, np.full(len(depths), up)) for up in (0.0, tall)]
+    ends = [view.world(depths, middle, np.full(len(depths), up * tall)) for up in (LEAST_SEEN, 1.0 - LEAST_SEEN)]
     pixels, seen = project(camera, np.concatenate(ends))
-    feet, heads = np.split(pixels[:, 1], 2)
-    return np.asarray(seen.reshape(2, -1).all(axis=0) & (feet > 0) & (heads < size[1] - 1))
+    low, high = np.split(pixels[:, 1], 2)
+    return np.asarray(seen.reshape(2, -1).all(axis=0) & (low > 0) & (high < size[1] - 1))
 
 
 def strip_maps(plan: StripPlan, camera: Camera) -> Float32[np.ndarray, "strips rows columns 2"]:

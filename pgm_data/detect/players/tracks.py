@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 from pgm_data.dataset.clip_camera import ClipCamera
 from pgm_data.detect.players.candidates import PersonCandidates
 from pgm_data.detect.players.ground_map import strangeness_of_place
-from pgm_data.detect.players.path_boxes import PathOptions, boxes_along
+from pgm_data.detect.players.path_boxes import boxes_along
 from pgm_data.geometry.camera import Camera
 from pgm_data.people import PlayerBoxes
 from pgm_data.scene import Scene, SceneObject
@@ -31,9 +31,9 @@ class FollowOptions:
     """Standard deviation of a person's place as the camera sees it, across its view, m."""
     longest_gap_s: float = 1.0
     """Longest time that a path is without its player and goes on."""
-    jump_cost: float = 60.0
+    jump_cost: float = 30.0
     """What it costs to go on anywhere, as after a cut or a longer gap, log odds."""
-    surest: float = 3.0
+    surest: float = 2.0
     """Largest gain or loss by one person, log odds."""
     still_cost: float = 2.0
     """What it costs to stand in one place all clip long, as officials do, log odds; on the court a quarter."""
@@ -41,8 +41,8 @@ class FollowOptions:
     """How far outside of their usual places players are met as often as not, m."""
     overlap: float = 0.6
     """Share of two boxes in common above which two players are one person."""
-    path: PathOptions = PathOptions()
-    """How boxes are made along a path."""
+    smooth_s: float = 0.12
+    """Standard deviation of the times over which boxes are smoothed, s."""
 
 
 def follow_players(
@@ -74,7 +74,12 @@ def follow_players(
     still = share_of_time_there(people, _seen_places(people, clip.camera)) ** 2
     gains = [_gains(people, still, player, scene, options) for player in scene.players]
     paths = _paths(people, clip, gains, options)
-    tracks = [boxes_along(people, path, clip, size, scene, options.path) for path in paths]
+    tracks = [
+        boxes_along(
+            people, path, _spans(people, path, clip, options), clip, size=size, scene=scene, window_s=options.smooth_s
+        )
+        for path in paths
+    ]
     shape = (rows, len(scene.players))
     boxes, score = np.full((*shape, 4), np.nan), np.zeros(shape)
     ground, status = np.full((*shape, 2), np.nan), np.full(shape, "none", dtype=object)
@@ -170,6 +175,18 @@ def _paths(
     return paths
 
 
+def _spans(
+    people: PersonCandidates, path: Int[np.ndarray, " visited"], clip: ClipCamera, options: FollowOptions
+) -> Int[np.ndarray, " visited"]:
+    """Number of the stretch without a cut or a long gap that each person of a path belongs to."""
+    places, time = _seen_places(people, clip.camera)[path], clip.capture_time[people.frame[path]]
+    camera_xy = clip.camera.position_world[people.frame[path]][:, :2]
+    passed = np.diff(time)
+    breaks = _move_cost(places[1:], places[:-1], passed, camera_xy[1:], options) > options.jump_cost
+    breaks |= passed > options.longest_gap_s
+    return np.concatenate([np.zeros(min(1, len(path)), np.int64), np.cumsum(breaks)])
+
+
 def _same_people(people: PersonCandidates, path: np.ndarray, overlap: float) -> Bool[np.ndarray, " people"]:
     """Who is on the path, or lies over somebody who is."""
     last = int(people.frame.max()) + 1 if len(people.frame) else 0
@@ -227,7 +244,8 @@ def best_path(
     for start, end, first in zip(starts, ends, since, strict=True):
         if start:
             here, before = slice(start, end), slice(min(first, start), start)
-            cost = _move_cost(places[here], time[here], places[before], time[before], camera_xy[here], options)
+            passed = time[here, None] - time[None, before]
+            cost = _move_cost(places[here, None], places[None, before], passed, camera_xy[here, None], options)
             jump = best - options.jump_cost
             came = np.concatenate([total[before][None] - cost, np.full((end - start, 1), jump)], axis=1)
             at = came.argmax(axis=1)
@@ -248,24 +266,22 @@ def best_path(
 
 
 def _move_cost(
-    places: Float[np.ndarray, "here 3"],
-    time: Float[np.ndarray, " here"],
-    places_before: Float[np.ndarray, "before 3"],
-    time_before: Float[np.ndarray, " before"],
-    camera_xy: Float[np.ndarray, "here 2"],
+    places: Float[np.ndarray, "*#pairs 3"],
+    places_before: Float[np.ndarray, "*#pairs 3"],
+    passed: Float[np.ndarray, "*pairs"],
+    camera_xy: Float[np.ndarray, "*#pairs 2"],
     options: FollowOptions,
-) -> Float[np.ndarray, "here before"]:
+) -> Float[np.ndarray, "*pairs"]:
     """What it costs to have gone from there to here: little for what people do, the more the faster they would be."""
-    view = places[:, :2] - camera_xy
-    view /= np.maximum(np.linalg.norm(view, axis=1, keepdims=True), 1e-9)
-    move = places[:, None, :2] - places_before[None, :, :2]
-    passed = np.maximum(time[:, None] - time_before[None], 1e-3)
-    along = (move * view[:, None]).sum(axis=2)
-    across = move[..., 0] * view[:, None, 1] - move[..., 1] * view[:, None, 0]
+    view = places[..., :2] - camera_xy
+    view = view / np.maximum(np.linalg.norm(view, axis=-1, keepdims=True), 1e-9)
+    move = places[..., :2] - places_before[..., :2]
+    along = (move * view).sum(axis=-1)
+    across = move[..., 0] * view[..., 1] - move[..., 1] * view[..., 0]
     # The place along the view is known the worse the flatter one looks, so only what the camera sees of it counts.
     noise = options.place_std_m * np.sqrt(2.0)
-    reach = options.speed_m_s * passed
-    along_noise = noise / places[:, None, 2]
+    reach = options.speed_m_s * np.maximum(passed, 1e-3)
+    along_noise = noise / places[..., 2]
     far_across = np.maximum(np.abs(across) - reach, 0.0) / noise
     far_along = np.maximum(np.abs(along) - reach, 0.0) / along_noise
     usual = np.hypot(across / (noise + 0.5 * reach), along / (along_noise + 0.5 * reach))

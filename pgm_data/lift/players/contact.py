@@ -62,7 +62,7 @@ def _height_gain(law: ContactLaw, height: np.ndarray, var: np.ndarray) -> np.nda
 
 def _speed_gain(law: ContactLaw, velocity: np.ndarray, cov: np.ndarray) -> np.ndarray:
     """The same of the velocity."""
-    known = np.isfinite(velocity).all(axis=1) & np.isfinite(cov).all(axis=(1, 2))
+    known = np.asarray(np.isfinite(velocity).all(axis=1) & np.isfinite(cov).all(axis=(1, 2)))
     v, C = np.where(known[:, None], velocity, 0.0), np.where(known[:, None, None], cov, 0.0)
     planted, free = C + law.planted_speed**2 * np.eye(2), C + law.free_speed**2 * np.eye(2)
     distance = [np.einsum("fa,fab,fb->f", v, np.linalg.inv(M), v) for M in (planted, free)]

@@ -42,7 +42,7 @@ class FitOptions:
     """Where positions cannot be met: metres of distance that weigh as much as a radian away from the first guess."""
     steps: int = 30
     """At most, of the adjustment of positions that cannot be met by directions alone."""
-    change_rad: float = 0.2
+    change_rad: float = 0.15
     """Where positions cannot be met: how far a rotation lies from the middle of its neighbours' in time, radians.
 
     With it, and the distance that is left as the noise, short bones do not tremble; inf: each frame by itself.
@@ -78,7 +78,7 @@ def fit_rotations(
     """The skeleton's rotations and translations at the observed joints.
 
     Args:
-        joints_world: The skeleton's joints in its order, metres; a joint with a NaN in it was not observed.
+        joints_world: The skeleton's joints in its order, metres; one with a number that is not finite was not observed.
         skeleton: Parents, rest pose and limits.
         options: How.
 
@@ -94,6 +94,7 @@ def fit_rotations(
     if options.scale is not None and not (np.isfinite(options.scale) and options.scale > 0):
         raise ValueError(f"options.scale: expected above 0, got {options.scale}")
     seen = np.asarray(np.isfinite(joints_world).all(axis=-1))
+    joints_world = np.where(seen[..., None], joints_world, np.nan)
     used = seen.sum(axis=1) >= min(options.least_joints, count)
     scale, scale_std, lengths = _sizes(joints_world, skeleton, options)
     bones = _bones(skeleton, lengths)
@@ -101,7 +102,7 @@ def fit_rotations(
     result = {"rotations": empty, "translations": empty.copy(), "joints": empty.copy()}
     residual = np.full(len(joints_world), np.nan)
     if used.any():
-        own = np.where(seen[used][..., None], joints_world[used], np.nan)
+        own = joints_world[used]
         rotations, translations = _solved(own, skeleton, bones, np.flatnonzero(used), options)
         joints = world_joints(skeleton.parents, rotations, translations)
         for name, values in (("rotations", rotations), ("translations", translations), ("joints", joints)):
@@ -171,7 +172,7 @@ def _solved(
     off = _furthest(joints, joints_world) > EXACT_M
     if off.any():
         allowed, translations = _adjusted(joints_world, skeleton, allowed, translations, off, frames, options)
-    return wrapped(allowed), translations
+    return wrapped(allowed, skeleton.limits), translations
 
 
 def _adjusted(

@@ -106,7 +106,7 @@ def _stepped(parents, values, translations, goal, seen, rest, weight, damping, l
     H, gradient = _normal(parents, values, R, joints, goal, seen)
     gradient += weight * (values - rest)
     held = ((values <= lower) & (gradient > 0)) | ((values >= upper) & (gradient < 0))
-    free = (~held).astype(np.float64)
+    free = np.where(held, 0.0, 1.0)
     H *= free[:, :, None]
     H *= free[:, None, :]
     H[:, size, size] += np.where(held, 1.0, weight + damping[:, None])
@@ -122,7 +122,7 @@ def _allowed(
     """Values within the bounds, limited rotations by pi at most: beyond it they would be others, out of bounds."""
     clipped = np.clip(values, lower, upper)
     rotations = clipped[:, :-3].reshape(len(values), -1, 3)
-    limited = np.isfinite(lower[:-3]).reshape(-1, 3).all(axis=1)
+    limited = np.asarray(np.isfinite(lower[:-3]).reshape(-1, 3).all(axis=1))
     angle = np.linalg.norm(rotations, axis=2, keepdims=True)
     turned = np.where(limited[:, None] & (angle > np.pi), rotations * (np.pi / np.maximum(angle, np.pi)), rotations)
     clipped[:, :-3] = turned.reshape(len(values), -1)
@@ -196,6 +196,11 @@ def bounded(
     return np.clip(rotations, limits[:, 0], limits[:, 1])
 
 
-def wrapped(rotations: Float[np.ndarray, "frames joints 3"]) -> Float[np.ndarray, "frames joints 3"]:
-    """The same rotations by angles of at most pi."""
-    return rotvec_from_rotation(rotation_from_rotvec(rotations))
+def wrapped(
+    rotations: Float[np.ndarray, "frames joints 3"], limits: Float[np.ndarray, "joints 2 3"]
+) -> Float[np.ndarray, "frames joints 3"]:
+    """The same rotations by angles of at most pi; limited ones are that already, and at pi might leave their limits."""
+    free = ~np.isfinite(limits).all(axis=(1, 2))
+    result = rotations.copy()
+    result[:, free] = rotvec_from_rotation(rotation_from_rotvec(rotations[:, free]))
+    return result

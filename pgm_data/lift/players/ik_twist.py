@@ -268,7 +268,7 @@ def _step(
     off, column = np.arange(2 * size)[:, None], diagonal[None, :]
     row = off + column
     band = np.where(row < 2 * size, H[:, np.minimum(row, 2 * size - 1), column], 0.0)
-    band = np.moveaxis(band, 0, 1).reshape(2 * size, frames * size)
+    band = np.moveaxis(band, 0, 1).reshape(2 * size, frames * size)[: frames * size]
     step = -solveh_banded(band, gradient.reshape(-1), lower=True).reshape(frames, size)
     result = np.zeros((frames, count))
     result[:, variables] = np.clip(step, -0.5, 0.5)

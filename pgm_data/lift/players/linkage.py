@@ -123,9 +123,9 @@ def _basis(
     """Basis of the unknowns, and how many chains lie above each point."""
     count = len(skeleton.parents)
     # What moves no point that is seen is free once along a limb, at its upper end: an ankle, not its toes.
-    watched = moves[:seen].any(axis=0)
+    watched = np.asarray(moves[:seen].any(axis=0))
     watched[0] = True
-    active = moves.any(axis=0) & (watched | watched[skeleton.parents])
+    active = np.asarray(moves.any(axis=0)) & (watched | watched[skeleton.parents])
     chain_of = np.full(count, -1)
     chains: list[list[int]] = []
     for joint in range(1, count):
@@ -158,6 +158,7 @@ def _basis(
         points, _, slopes = _placed(
             skeleton, straight[None], np.eye(3)[None], np.zeros((1, 3)), 1.0, basis, moves, joints, offsets
         )
+        assert slopes is not None
         mine = slice(3 * chain, 3 * chain + 3)
         reach[mine] = np.linalg.norm(slopes[0, :, :, ROOT:][..., mine], axis=1).max(axis=0)
     return basis[..., reach > SEEN_MOVE_M], depth

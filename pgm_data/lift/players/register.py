@@ -14,8 +14,9 @@ from pgm_data.lift.players.camera_errors import build_cov, doubted_cov
 from pgm_data.lift.players.fit import Case, descended, equations_of, judged_contact, with_contact
 from pgm_data.lift.players.linkage import Linkage, Posture, linked, parameters, placed, rotvecs
 from pgm_data.lift.players.options import RegisterOptions, register_options
+from pgm_data.lift.players.relabel import relabelled
 from pgm_data.lift.players.segments import Knots, knots_of
-from pgm_data.lift.players.sight import Sight, limb_pairs, sight_of
+from pgm_data.lift.players.sight import Sight, limb_pairs, mirror_pairs, sight_of
 from pgm_data.lift.players.solution import PlayerMotion
 from pgm_data.lift.players.stance import REST_HEIGHT_M, bounds, strays, waiting
 from pgm_data.lift.players.start import first_contact, started
@@ -77,11 +78,14 @@ def register_player(
     knots = knots_of(view, anchors=anchors, longest_gap_s=options.longest_gap_s, finest_s=options.finest_s)
     sight = sight_of(view, knots.frames, pixel_std=doubt.pixel_std, limbs=limb_pairs(linkage, view.point_names))
     sight = replace(sight, times=knots.clock)
-    fitted = _fitted(linkage, sight, float(np.log(size)), options)
+    pairs = np.array(mirror_pairs(view.point_names), dtype=np.int64).reshape(-1, 2)
+    fitted = _fitted(linkage, sight, pairs, float(np.log(size)), options)
     return _written(motion, view, knots, linkage, fitted, doubt)
 
 
-def _fitted(linkage: Linkage, sight: Sight, log_scale: float, options: RegisterOptions) -> _Fitted:
+def _fitted(
+    linkage: Linkage, sight: Sight, pairs: np.ndarray, log_scale: float, options: RegisterOptions
+) -> _Fitted:
     low, high = bounds(linkage)
     posture, _ = started(linkage, sight, log_scale)
     case = Case(
@@ -94,7 +98,10 @@ def _fitted(linkage: Linkage, sight: Sight, log_scale: float, options: RegisterO
     )
     posture = descended(case, posture, steps=options.first_steps, tolerance=options.tolerance)
     for turn in range(1, options.rounds + 1):
+        points = placed(linkage, posture, slopes=False)[0]
+        sight = relabelled(linkage, sight, points, pairs, freedom=options.motion.point_freedom)
         contact = judged_contact(case, posture, options.contact)
+        case = replace(case, sight=sight)
         case = with_contact(case, contact, _widened(options.ground, _WIDE ** (1.0 - turn / options.rounds)))
         posture = descended(case, posture, steps=options.steps, tolerance=options.tolerance)
     equations, _ = equations_of(case, posture)
@@ -124,7 +131,7 @@ def _from_boxes(
     frames, joints = len(view.times), len(skeleton.parents)
     height = float(size * skeleton.rest_translations[0, 1])
     root, cov = box_roots(view, pelvis_height_m=height, bottom_std_share=options.box_std_share)
-    there = np.isfinite(root).all(axis=1)
+    there = np.asarray(np.isfinite(root).all(axis=1))
     rows = np.flatnonzero(there)
     cov[rows] += doubted_cov(view.camera, doubt, root[rows], rows)
     status = np.where(there, np.where(view.is_duplicate, "filled", "measured"), "none").astype(object)

@@ -20,6 +20,8 @@ _STANDING_M = 0.25
 _POSED_M = (0.05, 0.10)
 """How far points are off the template: at the trunk, and more by each joint between."""
 _FEWEST = 4
+_SETTLES = 6
+"""Reweighted solutions of the places."""
 
 
 def candidate_rotations() -> tuple[Float[np.ndarray, "candidates 3 3"], Float[np.ndarray, " candidates"]]:
@@ -58,6 +60,7 @@ def started(linkage: Linkage, sight: Sight, log_scale: float) -> tuple[Posture, 
     best = _smoothest(rotations, unary, sight.times)
     rows = np.arange(len(own))
     position, rotation = place[rows, best], rotations[rows, best]
+    position = _settled(linkage, sight, rotation, position, log_scale)
     known = np.flatnonzero(own)
     if len(known):
         for axis in range(3):
@@ -101,6 +104,26 @@ def _placed_candidates(linkage, sight: Sight, rotations: np.ndarray, log_scale: 
     square = np.sum(miss**2, axis=-1) * weight[:, None]
     cost = 2.5 * np.sum(np.log1p(square / 3.0), axis=-1) + 0.5 * ((place[..., 2] + floor) / _STANDING_M) ** 2
     return place, cost
+
+
+def _settled(linkage, sight: Sight, rotations: np.ndarray, place: np.ndarray, log_scale: float) -> np.ndarray:
+    """Places of the template in one turn a frame, strays among the points counting less and less."""
+    template = _template(linkage, rotations, log_scale)
+    shape, floor = template[:, : linkage.seen], template[:, linkage.seen :, 2].min(axis=1)
+    loose = _POSED_M[0] + _POSED_M[1] * linkage.chain[: linkage.seen]
+    R, t, xy = sight.R_cam_from_world, sight.t_cam_from_world, sight.xy
+    rows = xy[..., None] * R[:, None, 2:3] - R[:, None, :2]
+    off = t[:, None, :2] - xy * t[:, None, 2:3] - np.einsum("fpci,fpi->fpc", rows, shape)
+    for _ in range(_SETTLES):
+        miss = np.einsum("fpci,fi->fpc", rows, place) - off
+        square = np.sum(miss**2, axis=-1) / loose**2
+        weight = np.where(sight.seen, loose**-2 * 5.0 / (3.0 + square), 0.0)
+        normal = np.einsum("fpci,fp,fpcj->fij", rows, weight, rows) + 1e-6 * np.eye(3)
+        normal[:, 2, 2] += _STANDING_M**-2
+        side = np.einsum("fpci,fp,fpc->fi", rows, weight, off)
+        side[:, 2] -= floor * _STANDING_M**-2
+        place = np.linalg.solve(normal, side[..., None])[..., 0]
+    return place
 
 
 def _pose_candidates(linkage, sight: Sight, log_scale: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -159,8 +182,8 @@ def _smoothest(rotations: np.ndarray, unary: np.ndarray, times: np.ndarray) -> n
     for frame in range(1, frames):
         trace = np.einsum("kab,lab->kl", rotations[frame - 1], rotations[frame])
         angle = np.arccos(np.clip(0.5 * (trace - 1.0), -1.0, 1.0))
-        free = _TURN_RATE * (times[frame] - times[frame - 1]) + 0.3
-        through = best[:, None] + 0.5 * np.minimum((angle / free) ** 2, 30.0)
+        free = _TURN_RATE * (times[frame] - times[frame - 1]) + 0.15
+        through = best[:, None] + np.minimum((angle / free) ** 2, 200.0)
         came[frame] = through.argmin(axis=0)
         best = through[came[frame], np.arange(count)] + unary[frame]
     out = np.empty(frames, dtype=np.int64)

@@ -89,7 +89,8 @@ def test_a_change_of_ends_at_a_cut_inside_a_clip_and_one_clip_alone() -> None:
     (found,) = match_identities([clip(near, far, rng, cut=17)], "m")
     assert set(found.identity[:17, 0]) == {"m.a"} and set(found.identity[17:, 0]) == {"m.b"}
     same = clip(near, near, rng)
-    (alone,) = match_identities([same], "m")
+    from_cut = ClipLooks(clip_id="clip", looks=same.looks, cut=np.arange(40) == 0)
+    (alone,) = match_identities([from_cut], "m")
     assert set(alone.identity[:, 0]) == {"m.a"} and set(alone.identity[:, 1]) == {"m.b"}
 
 

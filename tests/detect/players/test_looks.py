@@ -93,7 +93,7 @@ def test_a_player_who_lies_looks_as_one_who_stands_where_the_points_are_known(tu
     lying, standing = (
         describe(paint(court, body(box, angle), 200.0, RED), body(box, angle), box)[0] for angle in (turn, 0.0)
     )
-    np.testing.assert_allclose(lying, standing, atol=4.0)
+    np.testing.assert_allclose(lying[:15], standing[:15], atol=4.0)
 
 
 def test_parts_out_of_the_picture_are_not_seen() -> None:
@@ -144,6 +144,9 @@ def test_points_of_a_pose_are_used_and_a_lost_pose_falls_back_on_the_box() -> No
     boxes = boxes_of(np.broadcast_to(box, (2, 1, 4)))
     looks = look(lambda: iter([picture] * 2), boxes, poses, clip_of(2))
     np.testing.assert_allclose(looks.descriptors[0, 0], describe(picture, turned, box)[0])
+    assert np.isnan(looks.descriptors[1]).all()
+    # The second frame is a run of its own, in which no points were found.
+    looks = look(lambda: iter([picture] * 2), boxes, poses, clip_of(2), cut=np.array([True, True]))
     np.testing.assert_allclose(looks.descriptors[1, 0], describe(picture, body(box), box)[0])
 
 

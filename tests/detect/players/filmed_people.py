@@ -5,11 +5,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import pytest
 
 from pgm_data.dataset.clip_camera import ClipCamera
 from pgm_data.geometry.camera import Camera, project
-from pgm_data.scene import Scene, load_scene
 
 SIZE = (640, 360)
 
@@ -143,8 +141,3 @@ def overlap(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     tall = np.clip(np.minimum(a[..., 3], b[..., 3]) - np.maximum(a[..., 1], b[..., 1]), 0, None)
     area = [(c[..., 2] - c[..., 0]) * (c[..., 3] - c[..., 1]) for c in (a, b)]
     return wide * tall / (area[0] + area[1] - wide * tall)
-
-
-@pytest.fixture(scope="session")
-def tennis() -> Scene:
-    return load_scene("tennis")
