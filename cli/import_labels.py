@@ -31,7 +31,7 @@ def cvat(options: Annotated[LabelImport, tyro.conf.arg(name="")]) -> int:
     """Corrections made in CVAT (CVAT for video 1.1) to what `pgm export cvat` wrote.
 
     They become files in WORK/CLIP/corrected that the stages take, and graphics go into clip.json; the commands that
-    take the files in are printed.
+    take the files in are printed. Lost: labels of other names, who hit the ball, times between frames.
     """
     return _labels(options, "cvat")
 
@@ -40,7 +40,7 @@ def label_studio(options: Annotated[LabelImport, tyro.conf.arg(name="")]) -> int
     """Corrections made in Label Studio to what `pgm export label-studio` wrote.
 
     They become files in WORK/CLIP/corrected that the stages take, and graphics go into clip.json; the commands that
-    take the files in are printed.
+    take the files in are printed. Lost: labels of other names, who hit the ball, times between frames.
     """
     return _labels(options, "label-studio")
 

@@ -83,12 +83,12 @@ VERBS: dict[str, Verb] = {
     ),
     "export": Verb(
         module="export",
-        summary="write cameras for other programs",
+        summary="write cameras, players, ball, words and labels for other programs",
         example="pgm export colmap work --out colmap",
     ),
     "import": Verb(
         module="import_",
-        summary="read cameras of other programs",
+        summary="read work folders and corrections of other programs",
         example="pgm import colmap colmap --out work",
     ),
     "trade": Verb(
@@ -98,7 +98,7 @@ VERBS: dict[str, Verb] = {
     ),
     "demo": Verb(
         module="demo",
-        summary="simulate a short match, find cameras and ball, check them against the truth",
+        summary="simulate a short match, annotate, pack and check it, compare with the truth",
         example="pgm demo --out demo",
     ),
     "weights": Verb(

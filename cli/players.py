@@ -43,6 +43,8 @@ class PlayersCommand:
     """MOT CSV of boxes to take instead of finding people; of several clips a folder of files named after them."""
     skeletons: str = ""
     """npz of 3D skeletons (SMPL poses or joints) to register; of several clips a folder of files named after them."""
+    first_number: Literal[-1, 0, 1] = -1
+    """What those files call the video's first frame, 0 or 1; -1 where they tell by themselves."""
     clip: tuple[str, ...] = ()
     """Only these clips."""
     videos: str = ""
@@ -91,6 +93,7 @@ def main(argv: list[str]) -> int:
         detector=command.detector,
         pose=command.pose,
         joints=command.joints,
+        first_number=command.first_number,
         overlay=command.overlay,
     )
     from pgm_data.stages.players_identity import name_players

@@ -16,14 +16,14 @@ way_side_forward = 3* diagonally to the {side} and forward | forward and to the 
 way_side_back = 3* diagonally to the {side} and back | backwards and to the {side} | to the {side} and backwards
   | diagonally backwards to the {side} | diagonally to the {side} away from the net
 way_compass = 4* {compass} | to the {compass} | towards the {compass}
-sprint = 4* <sprint> | 2* <dash> | <run at full speed> | <race> | 2* <run fast> | <rush>
-run = 6* <run> | 2* <move quickly> | <hurry>
+sprint = <charge> | <bolt> | <dart> | 4* <sprint> | 2* <dash> | <run at full speed> | <race> | 2* <run fast> | <rush>
+run = <run quickly> | <hasten> | 6* <run> | 2* <move quickly> | <hurry>
 jog = 3* <jog> | 2* <trot> | 2* <move> | <go>
-walk = 5* <walk> | <stroll> | <go slowly> | <move slowly>
+walk = <amble> | <wander> | 5* <walk> | <stroll> | <go slowly> | <move slowly>
 sidestep = 5* <sidestep> | 3* <take sidesteps> | 2* <shuffle> | <move with sidesteps> | <take side steps>
 backpedal = 3* <backpedal> | <move with backward steps> | <retreat>
 step = 3* <take a step> | 2* <step> | <make a short step> | <take a small step> | <make a step>
-move = 7* <move> | 2* <go> | <head> | <travel>
+move = <advance> | <shift> | <proceed> | <make its way> | 9* <move> | 2* <go> | <head> | <travel>
 moves = 5* {gait} {way} {goal} {after_motion} | {gait} {way} {after_motion}
 stops = and <stop> | and then <stop> | , then <stop> | and <come to a halt> | and <come to a stop>
 starts = 4* <start> to {gait:to} {way} | 2* <begin> to {gait:to} {way} | <set> off {way}
@@ -34,7 +34,8 @@ again_side = 3* <move back to the {side2}> | <return to the {side2}> | <change d
 again_forward = <come forward> | <move towards the net again> | <move forward again>
 again_back = <move backwards> | <step back again> | <retreat>
 again_compass = <go back> {compass2} | <turn> {compass2} | <move> {compass2}
-still = 3* <stand still> | 2* <stay in place> | 2* <remain in place> | <hold the position> | <stay on the spot>
+still = <remain motionless> | <stay still> | <keep the position> | <remain in the same spot> | 3* <stand still>
+  | 2* <stay in place> | 2* <remain in place> | <hold the position> | <stay on the spot>
 still_at = 6* {still} | 3* <stand {spot}> | 2* <stay {spot}> | 2* <remain {spot}> | <hold the position {spot}>
   | <wait {spot}>
 shifts = 3* <adjust the position> | 2* <take small steps> | <take a few short steps> | <make small adjusting steps>
@@ -140,8 +141,8 @@ out_serve_long = 2* long | behind the service line | past the service line | too
 """
 
 _STROKES = """
-hard = powerful | hard | strong | fast
-soft = soft | gentle | slow
+hard = fierce | powerful | hard | strong | fast
+soft = delicate | light | soft | gentle | slow
 topspin = 3* topspin | spinning
 flat = flat
 slice = sliced | slice
@@ -163,7 +164,9 @@ np_lob_plain = a lob | a high lob
 np_drop_plain = a drop shot
 np_serve = 4* a(n) {quality} serve | a(n) {quality} serve
 np_return = 3* {np} | a return | a(n) {quality} return
-hits = 6* <hit> the ball {to} with {np} | 5* <send> the ball {to} with {np} | 4* <hit> {np} {to} | 2* <play> {np} {to}
+hits = <guide> the ball {to} with {np} | <steer> the ball {to} with {np} | <execute> {np} {to} | <perform> {np} {to}
+  | <respond> with {np} {to} | <deliver> {np} {to} | <use> {np} to send the ball {to}
+  | 6* <hit> the ball {to} with {np} | 5* <send> the ball {to} with {np} | 4* <hit> {np} {to} | 2* <play> {np} {to}
   | 2* <hit> the ball with {np} that sends the ball {to} | 2* <hit> {np} that sends the ball {to}
   | <strike> the ball {to} with {np} | <direct> the ball {to} with {np} | <place> the ball {to} with {np}
   | <make> {np} that sends the ball {to} | <meet> the ball with {np} and <send> it {to}
@@ -174,8 +177,10 @@ returns = 3* <return> the serve {to} with {np} | 2* <return> the serve with {np}
   | <send> the serve back {to} with {np} | 2* {hits}
 returns_bare = 2* <return> the serve with {np} | <answer> the serve with {np} | {hits_bare}
 strikes = 3* <hit> the ball {to} | 2* <send> the ball {to} | <strike> the ball {to} | <play> the ball {to}
-strikes_bare = 3* <hit> the ball | 2* <strike> the ball | <play> the ball
-serves = 4* <serve> {to} | 4* <hit> {np} {to} | 2* <serve> the ball {to} | 2* <send> {np} {to} | <deliver> {np} {to}
+strikes_bare = <meet> the ball | <make contact> with the ball | 3* <hit> the ball | 2* <strike> the ball
+  | <play> the ball
+serves = <fire> {np} {to} | <launch> {np} {to} | <execute> {np} {to} | <place> {np} {to} | 4* <serve> {to}
+  | 4* <hit> {np} {to} | 2* <serve> the ball {to} | 2* <send> {np} {to} | <deliver> {np} {to}
   | <hit> {np} that sends the ball {to} | <open> the point with {np} {to}
 serves_bare = 4* <serve> | 3* <hit> {np} | 2* <serve> the ball | <strike> {np}
 aces = 2* <serve> an ace {to} | 2* <hit> an ace {to} | <win> the point with an ace {to}
@@ -194,20 +199,27 @@ lets = <serve> but the ball touches the net , let | <hit> {np} that clips the ne
 """
 
 _WAITS = """
-wait_serve = 3* <wait> for the serve | 2* <get ready> to return the serve | 2* <prepare> to receive the serve
+wait_serve = <concentrate> on the serve of the opponent | <focus> on the return | <be> ready for the serve
+  | 3* <wait> for the serve | 2* <get ready> to return the serve | 2* <prepare> to receive the serve
   | <wait> for the opponent to serve | <await> the serve | <prepare> to return the serve
-wait_ball = 3* <wait> for the return | 2* <wait> for the opponent's shot | <watch> the opponent | <wait> for the ball
+wait_ball = <anticipate> the return | <expect> the response of the opponent | <observe> the opponent
+  | <look> at the opponent | 3* <wait> for the return | 2* <wait> for the opponent's shot | <watch> the opponent
+  | <wait> for the ball
   | <get ready> for the next shot | <prepare> for the opponent's next shot | <stay ready> for the return
-prepare_serve = 3* <prepare> to serve | 2* <get ready> to serve | <prepare> for the serve | <be> about to serve
-prepare_hit = 3* <prepare> to hit a(n) {fb} | <get ready> to hit a(n) {fb} | <set up> for a(n) {fb}
+prepare_serve = <concentrate> before the serve | <gather> concentration for the serve | 3* <prepare> to serve
+  | 2* <get ready> to serve | <prepare> for the serve | <be> about to serve
+prepare_hit = <get> in position for a(n) {fb} | 3* <prepare> to hit a(n) {fb} | <get ready> to hit a(n) {fb}
+  | <set up> for a(n) {fb}
 prepare = 2* <prepare> to hit the ball | <get ready> to hit the ball | <prepare> for the shot
-watch = 3* <watch> the ball | <look> at the ball | <follow> the ball with the eyes
-after = after the point | at the end of the point | when the point is over | after the rally
+watch = <observe> the ball | <keep the eyes> on the ball | 3* <watch> the ball | <look> at the ball
+  | <follow> the ball with the eyes
+after = once the point has ended | as the rally has ended | now that the point is over | with the point over
+  | after the point | at the end of the point | when the point is over | after the rally
 after_fault = after the fault | after the missed serve | because the serve was a fault
 """
 
 _REASONS = """
-opp = 4* the opponent | 2* opponent | the other player
+opp = the rival | 4* the opponent | 2* opponent | the other player
 o_serve = 3* <serve> | 2* <hit> the serve | <serve> the ball | <play> the serve
 o_hit = 3* <hit> {onp} | <play> {onp} | <strike> the ball with {onp}
 o_plain = 3* <hit> the ball | 2* <return> the ball | <send> the ball back | <play> the ball
@@ -244,7 +256,7 @@ say_mh = 8* {you} {m} and {h} | 3* {you} {m} and then {h} | 2* {you} {m} , then 
   | 2* {you} {h} after {m:ing} | {m:ing} , the player {h} | {you} {m} before {h:ing}
 say_spot_h = {spot} , the player {h} | {you} , {spot} , {h}
 say_mw = 5* {you} {m} and {w} | 2* {you} {m} to {w:to} | {m:ing} , the player {w} | {you} {m} , then {w}
-say_sw = 4* {you} {m} and {w} | {you} {w} while {m:ing}
+say_sw = 4* {you} {m} and {w} | 2* {you} {w} while {m:ing} | {you} {m} , {w:ing}
 say_w = 4* {you} {w} | {you} is {w:ing}
 say_wspot = 3* {you} {w} {spot} | {spot} , the player {w}
 say_mo = 3* {you} {m} as {opp} {o} | 2* {you} {m} while {opp} {o} | 2* {you} {m} when {opp} {o}

@@ -24,7 +24,7 @@ STILL_M, STILL_M_S = 0.35, 0.8
 STILL_SLACK_M = 0.3
 """By how much uncertain positions may seem to wander at most."""
 LEAST_JUMP_M = 0.2
-FALL_S, FALL_M_S = 0.16, 1.1
+FALL_S, FALL_M_S = 0.16, 1.3
 """Rising speed that a body in the air loses in that time, at the least."""
 LEAST_MOVE_M = 0.45
 STRAIGHT = 0.65

@@ -10,7 +10,7 @@ from jaxtyping import Float
 class SpanOptions:
     """How long spans are."""
 
-    usual_s: float = 1.4
+    usual_s: float = 1.5
     """Length that is aimed at, s."""
     shortest_s: float = 0.5
     longest_s: float = 3.0

@@ -19,11 +19,9 @@ TEXTS = 3
 MOST_WORDS = 32
 PREPARES_S = 1.2
 """A hit within this time after a span is one that the player prepares."""
-OMITTED = 0.55
-"""Chance that a text leaves out what a sentence can do without."""
+OMITTED = {"goal": 0.6, "quality": 0.5, "hands": 0.6, "after_motion": 0.45}
+"""Chance of each slot that a sentence can do without to be left out of a text."""
 _TRIES = 40
-_LONG = ("goal", "quality", "hands")
-"""Slots that a sentence can do without where it gets too long."""
 PLACE_SYMBOL = {
     "far back": "far", "behind": "behind", "baseline": "baseline", "land": "land", "service line": "line", "box": "box",
     "net": "net", "back": "back",
@@ -71,7 +69,7 @@ def texts_of(content: Content, draw: random.Random) -> tuple[str, ...]:
     texts: list[str] = []
     for tries in range(_TRIES):
         # People leave things out; where a sentence gets too long, so does this.
-        left_out = [name for name in _LONG if tries >= _TRIES // 2 or draw.random() < OMITTED]
+        left_out = [name for name, share in OMITTED.items() if tries >= _TRIES // 2 or draw.random() < share]
         slots = content.slots | dict.fromkeys(left_out, "")
         text = sentence(content.frames[draw.randrange(len(content.frames))], slots, GRAMMAR, draw)
         if text not in texts and (len(text.split()) <= MOST_WORDS or (tries == _TRIES - 1 and not texts)):
@@ -324,7 +322,8 @@ def _waiting(facts: PlayFacts, row: int, slots: dict[str, str], moved: bool) -> 
         slots["w"] = "{wait_ball}" if own else "{watch}"
     if moved and slots["w"]:
         still = spans.motion[row] in ("still", "shifts")
-        return Content(frames=("say_sw",) if still else ("say_mw",), slots=slots)
+        looks = slots["w"] == "{watch}"
+        return Content(frames=("say_sw",) if still or looks else ("say_mw",), slots=slots)
     if moved:
         lasts = spans.motion[row] in ("still", "shifts")
         return Content(frames=("say_m",) if lasts else ("say_ms",), slots=slots)

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from pgm_data.dataset.dataset_columns import SPLITS
@@ -122,7 +121,9 @@ def _count_frames(folder: Path, split_of: np.ndarray, players: Sequence[str], ta
         episode = _episodes(batch["episode_index"], count)
         there = np.ones(len(episode), dtype=bool)
         for name in statuses:
-            there &= np.asarray(pc.not_equal(batch[name], "none"))
+            status = batch[name].dictionary_encode()
+            known = np.array([word != "none" for word in status.dictionary.to_pylist()], dtype=bool)
+            there &= known[status.indices.to_numpy()]
         time = batch["source_timestamp"].to_numpy()
         frames += np.bincount(episode, minlength=count)
         np.minimum.at(first, episode, time)

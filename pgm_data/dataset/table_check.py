@@ -94,6 +94,7 @@ def _is_right(schema: pa.Schema, column: Column) -> bool:
     return bool(schema.get_all_field_indices(column.name)) and _type_found(schema, column) is None
 
 
+@lru_cache(maxsize=64)
 def _declared_columns(table: str, scene: Scene | None) -> tuple[Column, ...]:
     return TABLES[table].columns if scene is None else table_columns(table, scene)
 

@@ -3,6 +3,7 @@
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -14,6 +15,9 @@ from pgm_data.people import PlayerBoxes, PlayerLooks, PlayerPoses
 from pgm_data.scene import Scene
 from pgm_data.stages.clip_pictures import ClipPictures
 from pgm_data.stages.players_options import BOXES_OPTION, KEYPOINTS_OPTION, SKELETONS_OPTION, PlayersOptions, Quality
+
+if TYPE_CHECKING:
+    from pgm_data.convert.foreign_people import PeopleOptions
 
 NETWORK_EVERY: dict[Quality, int] = {"draft": 5, "standard": 3, "best": 2}
 """Pictures from one that the network looks at to the next; motion looks at all of them."""
@@ -111,11 +115,11 @@ def found_players(
     if KEYPOINTS_OPTION in files:
         from pgm_data.convert.coco_people import read_coco_people
 
-        boxes, imported = read_coco_people(files[KEYPOINTS_OPTION], clip, scene.players)
+        boxes, imported = read_coco_people(files[KEYPOINTS_OPTION], clip, scene.players, foreign(options, pictures))
     elif BOXES_OPTION in files:
         from pgm_data.convert.mot_boxes import read_mot_boxes
 
-        boxes = read_mot_boxes(files[BOXES_OPTION], clip, scene.players)
+        boxes = read_mot_boxes(files[BOXES_OPTION], clip, scene.players, foreign(options, pictures))
     else:
         from pgm_data.detect.players.finder import find_players
 
@@ -150,6 +154,15 @@ def found_players(
         find_s=found - started,
         pose_s=time.monotonic() - found,
     )
+
+
+def foreign(options: PlayersOptions, pictures: ClipPictures) -> "PeopleOptions":
+    """How another program's file about a clip is to be read."""
+    from pgm_data.convert.foreign_people import PeopleOptions
+
+    width, height = pictures.size
+    first = None if options.first_number < 0 else options.first_number
+    return PeopleOptions(width=width, height=height, first_number=first)
 
 
 def cuts(boxes: PlayerBoxes, times: Float[np.ndarray, " frames"]) -> Bool[np.ndarray, " frames"]:

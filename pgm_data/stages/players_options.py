@@ -24,6 +24,8 @@ class PlayersOptions:
     """File of a pose network (RTMPose, ViTPose as ONNX, BlazePose as TFLite) instead of the fetched one."""
     joints: bool = True
     """Whether body points are looked for; else players are placed by their boxes alone."""
+    first_number: int = -1
+    """What another program's files call the video's first frame; -1 where they tell by themselves."""
     overlay: bool = True
     """Whether overlay.mp4 is drawn anew, with the players in it."""
 

@@ -44,7 +44,8 @@ def test_duckdb_reads_all_tables_and_joins_them(small_work: Path, small_dataset:
                 assert_same_bits(np.asarray(found[name]), wanted, name)
         third = base.execute(f"select \"ball.position\"[3] z from {data} where clip_id = 'b'").fetchnumpy()["z"]
         assert_same_bits(np.asarray(third), clip_of(small_work, "b")["ball.position"][:, 2], "z")
-        spoken = f"""select count(distinct d."index") from {data} d join {captions} c on d.episode_index = c.episode_index
+        spoken = f"""select count(distinct d."index") from {data} d
+            join {captions} c on d.episode_index = c.episode_index
             and d.frame_index >= c.start_frame and d.frame_index < c.end_frame and c.alternative = 0 and c.player = 0
             where d."player0.caption" = c.text"""
         shown = base.execute(f"select count(*) from {data} where \"player0.caption\" <> ''").fetchone()

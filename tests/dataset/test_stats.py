@@ -19,7 +19,7 @@ from pgm_data.dataset.pack_sums import write_sums
 from pgm_data.dataset.stats import ALL, Tally, dataset_stats, tally_document
 from pgm_data.dataset.stats_histograms import histogram_svg, histograms_of
 from pgm_data.dataset.stats_table import stats_document, stats_table, write_stats
-from pgm_data.dataset.stats_words import PARTS, is_word, parts_of, words_of
+from pgm_data.dataset.stats_words import PARTS, parts_of, words_of
 from pgm_data.scene import load_scene
 from tests.simulate.store_worlds import write_truth_clip
 

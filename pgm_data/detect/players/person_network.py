@@ -41,7 +41,7 @@ class StripPeopleOptions:
     """Candidates a frame."""
     same_across: float = 0.3
     """Two candidates whose middles lie closer than this across, in heights of a person, may be one person."""
-    same_down: float = 0.55
+    same_down: float = 0.35
     """Likewise along the picture's height."""
 
 

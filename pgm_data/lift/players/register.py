@@ -87,7 +87,7 @@ def _fitted(
     linkage: Linkage, sight: Sight, pairs: np.ndarray, log_scale: float, options: RegisterOptions
 ) -> _Fitted:
     low, high = bounds(linkage)
-    posture, _ = started(linkage, sight, log_scale)
+    posture, sight = started(linkage, sight, pairs, log_scale)
     case = Case(
         linkage=linkage,
         sight=sight,

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from pgm_data.lift.players.linkage import Linkage
 from pgm_data.lift.players.sight import Sight
@@ -40,7 +40,13 @@ def relabelled(
         return np.where(sight.seen[:, seen], 0.5 * (freedom + 2) * np.log1p(square / freedom), 0.0)
 
     swap = cost(a, a) + cost(b, b) > cost(a, b) + cost(b, a) + _MARGIN
-    order = np.tile(np.arange(linkage.seen), (len(xy), 1))
+    return exchanged(sight, pairs, swap)
+
+
+def exchanged(sight: Sight, pairs: Int[np.ndarray, "pairs 2"], swap: Bool[np.ndarray, "frames pairs"]) -> Sight:
+    """The sight with left and right of some pairs in some frames exchanged."""
+    a, b = pairs.T
+    order = np.tile(np.arange(sight.seen.shape[1]), (len(sight.seen), 1))
     order[:, a] = np.where(swap, b, a)
     order[:, b] = np.where(swap, a, b)
     return replace(

@@ -2,11 +2,12 @@
 
 import cv2
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from pgm_data.geometry.rigid import rotation_from_rotvec
 from pgm_data.lift.players.contact import ContactLaw, contact_probability
 from pgm_data.lift.players.linkage import Linkage, Posture, placed
+from pgm_data.lift.players.relabel import exchanged
 from pgm_data.lift.players.sight import Sight
 
 _HEADINGS = 16
@@ -15,6 +16,7 @@ _UPRIGHT = rotation_from_rotvec(np.array([np.pi / 2, 0.0, 0.0]))
 _TURN_RATE = 8.0
 """rad/s that headings change by readily."""
 _LYING_COSTS = 8.0
+_SWAPPED_COSTS = 8.0
 _STANDING_M = 0.25
 """How far the template's soles may be off the ground."""
 _POSED_M = (0.05, 0.10)
@@ -39,8 +41,10 @@ def candidate_rotations() -> tuple[Float[np.ndarray, "candidates 3 3"], Float[np
 _TILTS = ((np.pi / 2, 0.0, 0.0), (-np.pi / 2, 0.0, 0.0), (0.0, np.pi / 2, 0.0), (0.0, -np.pi / 2, 0.0))
 
 
-def started(linkage: Linkage, sight: Sight, log_scale: float) -> tuple[Posture, np.ndarray]:
-    """A posture a frame to start a fit from, and which frames had enough points for one of their own.
+def started(
+    linkage: Linkage, sight: Sight, pairs: Int[np.ndarray, "pairs 2"], log_scale: float
+) -> tuple[Posture, Sight]:
+    """A posture a frame to start a fit from, and the sight with left and right told apart in every frame.
 
     Every frame tries headings of the posture of reference, each at its best place; the headings that agree with the
     points and with each other in time are kept, and places are interpolated where points are too few.
@@ -49,6 +53,14 @@ def started(linkage: Linkage, sight: Sight, log_scale: float) -> tuple[Posture, 
     own = count >= _FEWEST
     rotations, extra = candidate_rotations()
     place, unary = _placed_candidates(linkage, sight, rotations, log_scale)
+    swapped = np.zeros(unary.shape, dtype=bool)
+    if len(pairs):
+        # A network may take left for right all over; the heading must not follow it.
+        other = exchanged(sight, pairs, np.ones((len(own), len(pairs)), dtype=bool))
+        place_other, unary_other = _placed_candidates(linkage, other, rotations, log_scale)
+        swapped = unary_other + _SWAPPED_COSTS < unary
+        place = np.where(swapped[..., None], place_other, place)
+        unary = np.where(swapped, unary_other + _SWAPPED_COSTS, unary)
     unary = unary + extra
     posed, pose_rotation, pose_cost = _pose_candidates(linkage, sight, log_scale)
     rotations = np.concatenate(
@@ -60,6 +72,9 @@ def started(linkage: Linkage, sight: Sight, log_scale: float) -> tuple[Posture, 
     best = _smoothest(rotations, unary, sight.times)
     rows = np.arange(len(own))
     position, rotation = place[rows, best], rotations[rows, best]
+    if len(pairs):
+        flipped = np.append(swapped, np.zeros((len(own), 1), dtype=bool), axis=1)[rows, best] & own
+        sight = exchanged(sight, pairs, np.repeat(flipped[:, None], len(pairs), axis=1))
     position = _settled(linkage, sight, rotation, position, log_scale)
     known = np.flatnonzero(own)
     if len(known):
@@ -68,7 +83,7 @@ def started(linkage: Linkage, sight: Sight, log_scale: float) -> tuple[Posture, 
         nearest = known[np.abs(sight.times[:, None] - sight.times[known]).argmin(axis=1)]
         rotation = rotation[nearest]
     angles = np.zeros((len(own), linkage.basis.shape[-1]))
-    return Posture(position=position, rotation=rotation, angles=angles, log_scale=log_scale), own
+    return Posture(position=position, rotation=rotation, angles=angles, log_scale=log_scale), sight
 
 
 def _template(linkage: Linkage, rotations: np.ndarray, log_scale: float) -> np.ndarray:
