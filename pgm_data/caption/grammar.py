@@ -41,6 +41,7 @@ still_at = 6* {still} | 3* <stand {spot}> | 2* <stay {spot}> | 2* <remain {spot}
 shifts = 3* <adjust the position> | 2* <take small steps> | <take a few short steps> | <make small adjusting steps>
 shifts_at = 2* <adjust the position {spot}> | <take small steps {spot}> | <make small steps {spot}>
 split = 3* <make a split step> | <perform a split step> | <do a split step> | <hop into a split step>
+split_before = 3* {split} and then {inner} | {split} and {inner} | 2* {inner}
 then_split = 2* and <make a split step> | and <perform a split step> | with a split step | , then <make a split step>
 centre = 3* <return to the middle> | 2* <recover to the middle> | <move back to the center>
   | 2* <come back to the center>

@@ -31,6 +31,8 @@ STRAIGHT = 0.65
 """Displacement over length of a way that counts as one way."""
 DIAGONAL = 0.58
 """Smaller over larger component from which on a way is diagonal."""
+UNKNOWN_STD_M = 0.5
+"""Standard deviation of positions whose covariance is not given."""
 SHARED = 0.5
 """Share of a position's standard deviation that does not cancel in a displacement over a second or two."""
 
@@ -107,7 +109,7 @@ def path_of(
     velocity = np.gradient(position, axis=0) * RATE_HZ if len(grid) > 1 else np.zeros_like(position)
     with np.errstate(invalid="ignore"):
         variance = np.diagonal(track.root_cov[rows], axis1=1, axis2=2)[:, :2]
-        std = np.sqrt(np.maximum(np.nan_to_num(variance), 0.0))
+        std = np.where(np.isfinite(variance), np.sqrt(np.maximum(variance, 0.0)), UNKNOWN_STD_M)
     ahead = rotation_from_rotvec(track.joint_rotations[rows, 0])[:, :2, 2] * sign
     off = (1.0 - track.contact[rows]).prod(axis=1)
     return PlayerPath(

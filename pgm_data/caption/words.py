@@ -159,7 +159,10 @@ def _hitting(facts: PlayFacts, row: int, slots: dict[str, str], moved: bool) -> 
     slots |= hit_slots(facts.hits, hit)
     motion = str(spans.motion[row])
     before = float(facts.hits.time[hit] - spans.start_s[row])
-    slots["after_motion"] = "" if not spans.split_step[row] else slots["after_motion"]
+    slots["after_motion"] = ""
+    if spans.split_step[row] and motion in ("moves", "turns"):
+        # The step is made as the other hits the ball, and the way to it comes afterwards.
+        slots |= {"inner": slots["m"], "m": "{split_before}"}
     if facts.hits.stroke[hit] == "serve":
         if before > 1.3:
             slots["m"] = "{prepare_serve}"
@@ -168,7 +171,7 @@ def _hitting(facts: PlayFacts, row: int, slots: dict[str, str], moved: bool) -> 
         return Content(frames=frames, slots=slots)
     tells = moved and before > 0.35 and (motion in ("moves", "turns") or bool(spans.split_step[row]))
     if tells:
-        return Content(frames=("say_mh",), slots=slots)
+        return Content(frames=("say_mh", "say_mh", "say_mh", "say_h"), slots=slots)
     return Content(frames=("say_h", "say_spot_h") if "spot" in slots else ("say_h",), slots=slots)
 
 
@@ -293,7 +296,7 @@ def _watching(facts: PlayFacts, row: int, other: int, slots: dict[str, str], mov
     late = hits.time[other] - spans.start_s[row] > 0.4 * (spans.end_s[row] - spans.start_s[row])
     if moved:
         waits = late and spans.motion[row] in ("still", "shifts") and not spans.split_step[row]
-        return Content(frames=("say_mo", "say_wo") if waits else ("say_mo",), slots=slots)
+        return Content(frames=("say_mo", "say_wo") if waits else ("say_mo", "say_mo", "say_ms"), slots=slots)
     slots["w"] = slots["w"] if late else "{watch}"
     return Content(frames=("say_wo",), slots=slots)
 

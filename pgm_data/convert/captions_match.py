@@ -234,6 +234,7 @@ def _frames_of(row: CaptionRow, clip: CaptionClip) -> tuple[int, int, float, flo
             return f"a span within the clip, {low:.3f} to {high:.3f} s"
         start_s, end_s = max(row.start, low), min(row.end, high)
         start, end = (int(k) for k in np.searchsorted(times, [start_s - ROUNDED_S, end_s - ROUNDED_S]))
+        start = 0 if start_s <= max(low, 0.0) + ROUNDED_S else start
         end = count if row.end >= high - ROUNDED_S else end
         return (start, end, start_s, end_s) if end > start else "a span with a frame in it"
     shift = clip.first_video_frame if row.unit == "video frames" else 0

@@ -83,7 +83,7 @@ def _cue(found: CaptionFile, block: list[str], first: int, said: dict[str, str])
 
 
 def captions_vtt(clip_id: str, rows: CaptionRows, players: tuple[str, ...]) -> str:
-    """The text of a file that holds one clip's captions. Lost: times beyond the millisecond, runs of blanks."""
+    """The text of a file of one clip's captions. Lost: times beyond the millisecond and before 0, runs of blanks."""
     parts = [f"WEBVTT\n\nNOTE clip: {clip_id}\n"]
     for k in range(len(rows)):
         times = f"{_clock(float(rows.start_s[k]))} --> {_clock(float(rows.end_s[k]))}"
@@ -94,12 +94,6 @@ def captions_vtt(clip_id: str, rows: CaptionRows, players: tuple[str, ...]) -> s
 
 
 def _clock(seconds: float) -> str:
-    """HH:MM:SS.mmm.
-
-    Raises:
-        ValueError: Of a time below 0, which WebVTT has not.
-    """
-    if not seconds >= 0:
-        raise ValueError(f"WebVTT: expected times of 0 or more, got {seconds:g} s")
-    total = round(seconds * 1000)
+    """HH:MM:SS.mmm; the first picture may have been taken before the video's time 0, which WebVTT begins with."""
+    total = max(round(seconds * 1000), 0)
     return f"{total // 3600000:02d}:{total // 60000 % 60:02d}:{total // 1000 % 60:02d}.{total % 1000:03d}"

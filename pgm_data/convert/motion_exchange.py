@@ -1,5 +1,6 @@
 """Motion exchanged with other programs: what `pgm import smpl|bvh` and `pgm export smpl|bvh` do."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -17,6 +18,7 @@ from pgm_data.convert.motion_work import (
     check_upright,
     in_world,
     motion_files,
+    player_named,
     player_of,
     write_motion_work,
 )
@@ -89,7 +91,7 @@ def import_smpl(
     _, skeleton = player_of(chosen, options.player)
     if skeleton.name != SKELETON:
         raise ValueError(f"scene {chosen.name}: expected a player with the skeleton {SKELETON}, got {skeleton.name}")
-    return _imported(path, ".npz", out, chosen, skeleton, options, read_smpl_motion)
+    return _imported(path, ".npz", out, chosen, options, read_smpl_motion)
 
 
 def import_bvh(
@@ -110,17 +112,23 @@ def import_bvh(
     """
     options = options or MotionImport()
     chosen = load_scene(scene or DEFAULT_SCENE)
-    _, skeleton = player_of(chosen, options.player)
-    return _imported(path, ".bvh", out, chosen, skeleton, options, read_bvh_motion)
+    player_of(chosen, options.player)
+    return _imported(path, ".bvh", out, chosen, options, read_bvh_motion)
 
 
 def _imported(
-    path: Path, suffix: str, out: Path, scene: Scene, skeleton: Skeleton, options: MotionImport, read
+    path: Path,
+    suffix: str,
+    out: Path,
+    scene: Scene,
+    options: MotionImport,
+    read: Callable[[Path, MotionImport, Skeleton], Motion],
 ) -> ImportOutcome:
     motions: list[Motion] = []
     problems: list[Problem] = []
     for file in motion_files(path, suffix):
         try:
+            _, skeleton = player_of(scene, player_named(file, scene, options.player))
             motions.append(read(file, options, skeleton))
         except ValueError as error:
             problems.append(_problem(str(file), f"motion in a {suffix} file", error))

@@ -35,7 +35,7 @@ class MotionImport:
     up: Literal["y", "z", "format"] = "format"
     """Axis of the file that points up; `format`: z of SMPL (as AMASS has it), y of BVH."""
     player: str = ""
-    """Player object of the scene that moves; empty for its first."""
+    """Player object of the scene that moves; empty: the one that the file's name ends in (`_player1`), else the first."""
     frames_per_second: float | None = None
     """Of files that do not say; None: such files are refused."""
     unit_m: float | None = None
@@ -107,6 +107,12 @@ def player_of(scene: Scene, name: str) -> tuple[SceneObject, Skeleton]:
     return player, player.skeleton
 
 
+def player_named(path: Path, scene: Scene, stated: str) -> str:
+    """The player object stated, else the one that the file's name ends in, else the scene's first."""
+    ending = next((p.name for p in scene.players if path.stem.endswith(f"_{p.name}")), "")
+    return player_of(scene, stated or ending)[0].name
+
+
 def R_world_from_file(up: str) -> Float[np.ndarray, "3 3"]:
     """The rotation from a file's axes, of which `up` points up, to the world's; x stays."""
     if up == "z":
@@ -173,15 +179,16 @@ def write_motion_work(
     """Write a clip for each motion, and `shots.parquet`, into the work folder.
 
     A clip has one frame for each of the motion's, at its rate from 0 s; `camera.parquet` has no camera. Pictures there
-    are none: width and height say 1.
+    are none: width and height say 1. The player that moves is the one stated, else the one a file's name ends in, else
+    the scene's first.
     """
-    moving, skeleton = player_of(scene, player)
     clip_ids = plain_names(tuple(motion.path.stem for motion in motions), taken=WORK_FILES)
     for clip_id, motion in zip(clip_ids, motions, strict=True):
         folder = out / clip_id
         folder.mkdir(parents=True, exist_ok=True)
         times = np.arange(len(motion.rotations)) / motion.frames_per_second
-        write_clip_players(folder, _players(clip_id, motion, times, scene, moving, skeleton), scene=scene)
+        moving = player_named(motion.path, scene, player)
+        write_clip_players(folder, _players(clip_id, motion, times, scene, moving), scene=scene)
         write_clip_camera(folder, _no_cameras(clip_id, times), scene=scene)
         write_document(folder / "clip.json", "clip", _document(out, clip_id, motion, scene))
     if motions:
@@ -199,8 +206,7 @@ def _players(
     motion: Motion,
     times: Float[np.ndarray, " frames"],
     scene: Scene,
-    moving: SceneObject,
-    skeleton: Skeleton,
+    moving: str,
 ) -> ClipPlayers:
     tracks = []
     for player in scene.players:
@@ -208,7 +214,7 @@ def _players(
         rows, joints = len(times), len(player.skeleton.parents)
         rotations = translations = np.full((rows, joints, 3), np.nan)
         betas = None
-        if player is moving:
+        if player.name == moving:
             rotations, translations = motion.rotations, motion.translations
             known = np.isfinite(rotations[:, 0, 0])
             if motion.betas is not None:

@@ -200,7 +200,7 @@ def shown_cells(map_px: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     return inside.astype(float)
 
 
-def random_ground(camera: Camera) -> GroundView:
+def ground_before(camera: Camera) -> GroundView:
     """The ground before a drawn picture's camera.
 
     Raises:

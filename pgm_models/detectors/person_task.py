@@ -21,8 +21,8 @@ from pgm_models.detectors.person_crops import (
     Truth,
     camera_of,
     cut_piece,
+    ground_before,
     piece_map,
-    random_ground,
     random_piece,
     seen_people,
     shown_cells,
@@ -48,7 +48,7 @@ class PersonTaskOptions:
     """Pieces per batch."""
     per_picture: int = 12
     """Pieces from each picture."""
-    player_weight: float = 1.0
+    player_weight: float = 2.0
     """Weight of who plays beside whether there is a person."""
     place_weight: float = 4.0
     """Weight of box and feet."""
@@ -111,7 +111,7 @@ class PersonTask(Task):
         bgr = picture_of(backdrops, number, rng).copy()
         standing = draw_people(bgr, place_people(rng, cast, backdrop), backdrop, rng)
         camera = camera_of(backdrop.view)
-        ground = random_ground(camera)
+        ground = ground_before(camera)
         people = seen_people(standing, ground)
         middle = float(ground.depth_and_side(np.zeros(2))[0])
         depths = np.array([max(middle - self._half, LEAST_DEPTH_M), middle + 1.2 * self._half])

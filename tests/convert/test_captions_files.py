@@ -1,6 +1,7 @@
 """Captions written and read back: what each format keeps, and what a reader makes of foreign files."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -89,6 +90,16 @@ def test_several_clips_go_into_one_csv_and_json_but_not_into_one_webvtt(tmp_path
         write_captions(tmp_path / "all.vtt", both, PLAYERS)
     with pytest.raises(ValueError, match="ends in .csv, .json, .vtt"):
         write_captions(tmp_path / "all.txt", both, PLAYERS)
+
+
+def test_a_first_picture_taken_before_time_0_is_kept_in_webvtt(tmp_path):
+    early = clip(capture_time=-0.02 + np.arange(FRAMES) / FPS)
+    made = rows((0, 0, 30, "he runs"), (0, 30, 200, "he stands"))
+    shift = -0.02 - BEGIN
+    made = replace(made, start_s=made.start_s + shift, end_s=made.end_s + shift)
+    write_captions(tmp_path / "match_1.vtt", {"match_1": made}, PLAYERS)
+    read = read_captions(tmp_path / "match_1.vtt", {"match_1": early}).clips["match_1"]
+    assert list(read.start_frame) == [0, 30] and list(read.end_frame) == [30, 200]
 
 
 def test_a_table_without_rows_is_written_and_read(tmp_path):

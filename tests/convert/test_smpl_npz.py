@@ -56,6 +56,15 @@ def test_a_player_comes_back_from_the_file_that_went_out(tmp_path):
     assert np.isnan(theirs.root_cov).all() and np.isnan(theirs.box_px).all()
 
 
+def test_a_file_that_is_named_after_a_player_moves_that_player(tmp_path):
+    saved(tmp_path / "a_player1.npz", amass())
+    import_smpl(tmp_path, tmp_path / "work")
+    status = [first_player(tmp_path / "work", "a_player1", player=i).status[0] for i in (0, 1)]
+    assert status == ["none", "measured"]
+    import_smpl(tmp_path, tmp_path / "work2", options=MotionImport(player="player0"))
+    assert first_player(tmp_path / "work2", "a_player1").status[0] == "measured"
+
+
 def test_the_file_holds_what_readers_of_amass_look_for(tmp_path):
     work = work_folder(tmp_path, motion(tmp_path / "walk.npz", betas=BETAS))
     export_smpl(work, tmp_path / "out")

@@ -15,8 +15,8 @@ from pgm_models.detectors.person_crops import (
     Piece,
     camera_of,
     cut_piece,
+    ground_before,
     piece_map,
-    random_ground,
     random_piece,
     seen_people,
     shown_cells,
@@ -80,7 +80,7 @@ def test_people_are_drawn_where_the_truth_says_they_stand(courts, scene):
 
 def test_a_perfect_answer_gives_back_who_stands_where(scene):
     bgr, camera, standing = scene
-    ground = random_ground(camera)
+    ground = ground_before(camera)
     people = seen_people(standing, ground)
     asked = 0
     for person, body in zip(people, standing, strict=True):
@@ -116,7 +116,7 @@ def test_a_perfect_answer_gives_back_who_stands_where(scene):
 
 def test_pieces_are_mirrored_and_stretched_with_their_people(scene):
     bgr, camera, standing = scene
-    ground = random_ground(camera)
+    ground = ground_before(camera)
     people = seen_people(standing, ground)
     mirrored = 0
     for seed in range(12):

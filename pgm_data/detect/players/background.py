@@ -14,18 +14,13 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from pgm_data.dataset.clip_camera import ClipCamera
 from pgm_data.detect.players.candidates import Pictures
-from pgm_data.geometry.camera import Camera, project, rays
+from pgm_data.detect.players.canvas import SmallView, canvas_from_view, canvas_of, largest_shift, view_from_canvas
+from pgm_data.geometry.camera import Camera
 
-CELL = 16
-"""Small pixels between the points at which the map between two cameras is computed; the rest is interpolated."""
-OUTSIDE = -1e4
-"""Where a map leads to no pixel."""
 QUIET_SHARE = 0.35
 """Share of pictures, at least, that show the background at a pixel."""
 QUIET_SIGMA = 0.454
 """Standard deviations that this share of normal differences lie below."""
-LARGEST_CANVAS = 2.5
-"""Widest and highest canvas, in pictures."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +31,7 @@ class BackgroundOptions:
     """Width of the small copies, px."""
     pictures: int = 25
     """Pictures that the median is taken over."""
-    level: float = 9.0
+    level: float = 7.0
     """Least difference from the background that is none of noise, grey levels."""
     over_noise: float = 3.0
     """The same, in standard deviations of a pixel over the clip."""
@@ -48,48 +43,6 @@ class BackgroundOptions:
     """Least share of pictures in which a place shows something else, for it to be asked which of both is the ground."""
     largest_drift_m: float = 0.5
     """A camera that travels by more has no background."""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class SmallView:
-    """The cameras of a clip, and its pictures in small copies."""
-
-    size: tuple[int, int]
-    """Width and height of the small copies, px."""
-    scale: tuple[float, float]
-    """Small pixels in one of the pictures, along x and y."""
-    camera: Camera
-    """Of the small copies, one a frame."""
-
-    def shrunk(self, bgr: UInt8[np.ndarray, "height width 3"]) -> UInt8[np.ndarray, "small_height small_width 3"]:
-        """The small copy."""
-        if (bgr.shape[1], bgr.shape[0]) == self.size:
-            return bgr
-        # Halving is the same by both, and linear interpolation is the faster one.
-        halves = bgr.shape[1] == 2 * self.size[0] and bgr.shape[0] == 2 * self.size[1]
-        return cv2.resize(bgr, self.size, interpolation=cv2.INTER_LINEAR if halves else cv2.INTER_AREA)
-
-    def full(self, pixels: Float[np.ndarray, "... 2"]) -> Float[np.ndarray, "... 2"]:
-        """Pixels of the pictures from those of the small copies."""
-        return (pixels + 0.5) / np.array(self.scale) - 0.5
-
-
-def small_view(camera: Camera, size: tuple[int, int], width: int) -> SmallView:
-    """Small copies of about the given width."""
-    small = (min(width, size[0]), max(1, round(size[1] * min(width, size[0]) / size[0])))
-    scale = (small[0] / size[0], small[1] / size[1])
-    K = camera.K.copy()
-    K[..., 0, :2] *= scale[0]
-    K[..., 1, 1] *= scale[1]
-    K[..., 0, 2] = (camera.K[..., 0, 2] + 0.5) * scale[0] - 0.5
-    K[..., 1, 2] = (camera.K[..., 1, 2] + 0.5) * scale[1] - 0.5
-    resized = Camera(
-        K=K,
-        distortion=camera.distortion,
-        R_cam_from_world=camera.R_cam_from_world,
-        t_cam_from_world=camera.t_cam_from_world,
-    )
-    return SmallView(size=small, scale=scale, camera=resized)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -122,17 +75,22 @@ def bounds(background: Background, camera: Camera, size: tuple[int, int]) -> Bou
     """What is nothing new to a camera of the clip; where it sees more than the canvas shows, everything."""
     middle, margin = background.middle, background.margin
     if background.moving:
-        x, y = _canvas_from_view(background.camera, camera, size)
+        x, y = canvas_from_view(background.camera, camera, size)
         middle = cv2.remap(middle, x, y, cv2.INTER_LINEAR)
         margin = cv2.remap(margin, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=255)
-    # A camera that moves is known to less than a pixel only.
-    reach = np.ones((3, 3) if background.moving else (1, 1), np.uint8)
     wide = cv2.merge([margin, margin, margin])
-    return Bounds(
-        lower=cv2.subtract(cv2.erode(middle, reach), wide),
-        upper=cv2.add(cv2.dilate(middle, reach), wide),
-        middle=middle,
-    )
+    darkest, brightest = middle, middle
+    if background.moving:
+        # A camera that moves is known to less than a pixel only, and edges are sharper in a picture than in the median.
+        darkest, brightest = cv2.erode(middle, REACH_OF_DOUBT), cv2.dilate(middle, REACH_OF_DOUBT)
+        wide = cv2.add(wide, cv2.convertScaleAbs(cv2.subtract(brightest, darkest), alpha=EDGE_DOUBT))
+    return Bounds(lower=cv2.subtract(darkest, wide), upper=cv2.add(brightest, wide), middle=middle)
+
+
+REACH_OF_DOUBT = np.ones((3, 3), np.uint8)
+"""Neighbours whose colours a pixel may have where the camera moves."""
+EDGE_DOUBT = 0.5
+"""By how much more an edge may be sharper than in the median, in its height."""
 
 
 def distinct_frames(clip: ClipCamera) -> Int[np.ndarray, " distinct"]:
@@ -166,14 +124,14 @@ def learn_background(
     place = view.camera.position_world[frames]
     if len(frames) < 3 or np.linalg.norm(place - np.median(place, axis=0), axis=1).max() > options.largest_drift_m:
         return None
-    moving = _largest_shift(view, frames) > options.still
+    moving = largest_shift(view, frames) > options.still
     canvas, size = canvas_of(view, frames) if moving else (view.camera[int(frames[len(frames) // 2])], view.size)
     taken = frames[np.unique(np.linspace(0, len(frames) - 1, options.pictures).round().astype(int))]
     samples, unseen = [], []
     for frame, bgr in picked(pictures, taken, clip):
         small = view.shrunk(bgr)
         if moving:
-            x, y = _view_from_canvas(view.camera[frame], canvas, size)
+            x, y = view_from_canvas(view.camera[frame], canvas, size)
             unseen.append(cv2.remap(np.ones(small.shape[:2], np.uint8), x, y, cv2.INTER_NEAREST) == 0)
             small = cv2.remap(small, x, y, cv2.INTER_LINEAR)
         samples.append(small)
@@ -261,7 +219,8 @@ def repaired(
         least_share: Least share of pictures that must.
     """
     count = np.sum(differs, axis=0, dtype=np.float32)
-    asked = cv2.morphologyEx((count >= least_share * len(samples)).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3)))
+    often = np.asarray(count >= least_share * len(samples), dtype=np.uint8)
+    asked = cv2.morphologyEx(often, cv2.MORPH_OPEN, np.ones((3, 3)))
     rows, columns = np.nonzero(asked)
     if not len(rows):
         return median
@@ -305,84 +264,3 @@ def _strangeness(
     rank = min(len(palette) - 1, len(palette) // 10)
     result[inside] = np.partition(distances, rank, axis=1)[:, rank]
     return result
-
-
-def _largest_shift(view: SmallView, frames: Int[np.ndarray, " some"]) -> float:
-    """How far the cameras move the picture of what the middle one sees, small px."""
-    middle = view.camera[int(frames[len(frames) // 2])]
-    x, y = np.meshgrid(np.linspace(0, view.size[0] - 1, 4), np.linspace(0, view.size[1] - 1, 4))
-    pixels = np.stack([x.ravel(), y.ravel()], axis=1)
-    cameras = view.camera[frames]
-    far = rays(middle, pixels) @ np.swapaxes(cameras.R_cam_from_world, -1, -2)
-    seen, there = project(_at_origin(cameras), far)
-    shift = np.linalg.norm(seen - pixels, axis=-1)
-    return float(np.inf if not there.any() else np.nanmax(np.where(there, shift, np.nan)))
-
-
-def _at_origin(camera: Camera) -> Camera:
-    """The camera with its own axes as those of the world: it takes directions in the camera's frame."""
-    return Camera(
-        K=camera.K,
-        distortion=camera.distortion,
-        R_cam_from_world=np.broadcast_to(np.eye(3), camera.R_cam_from_world.shape),
-        t_cam_from_world=np.zeros_like(camera.t_cam_from_world),
-    )
-
-
-def canvas_of(view: SmallView, frames: Int[np.ndarray, " some"]) -> tuple[Camera, tuple[int, int]]:
-    """A camera without lens error that holds what those of the frames see, and the size of its picture."""
-    middle = int(frames[len(frames) // 2])
-    focal = float(np.median(view.camera.K[frames, 0, 0]))
-    width, height = view.size
-    x, y = np.meshgrid(np.linspace(0, width - 1, 5), np.linspace(0, height - 1, 5))
-    edge = np.stack([x.ravel(), y.ravel()], axis=1)
-    R = view.camera.R_cam_from_world[middle]
-    directions = (rays(view.camera[frames], edge) @ R.T).reshape(-1, 3)
-    ahead = directions[:, 2] > 0.2
-    tangent = directions[ahead, :2] / directions[ahead, 2:]
-    spare = (np.array([LARGEST_CANVAS * width, LARGEST_CANVAS * height]) / 2) / focal
-    low = np.maximum(np.nanmin(tangent, axis=0), -spare)
-    high = np.minimum(np.nanmax(tangent, axis=0), spare)
-    size = (int(np.ceil((high[0] - low[0]) * focal)) + 1, int(np.ceil((high[1] - low[1]) * focal)) + 1)
-    K = np.array([[focal, 0.0, -low[0] * focal], [0.0, focal, -low[1] * focal], [0.0, 0.0, 1.0]])
-    canvas = Camera(
-        K=K, distortion=np.zeros(4), R_cam_from_world=R, t_cam_from_world=view.camera.t_cam_from_world[middle]
-    )
-    return canvas, size
-
-
-def coarse_pixels(size: tuple[int, int]) -> tuple[Float[np.ndarray, "nodes 2"], tuple[int, int]]:
-    """Pixels at the nodes of a grid that reaches one cell beyond the picture, and its columns and rows."""
-    columns, rows = -(-size[0] // CELL) + 2, -(-size[1] // CELL) + 2
-    x, y = np.meshgrid((np.arange(columns) - 0.5) * CELL - 0.5, (np.arange(rows) - 0.5) * CELL - 0.5)
-    return np.stack([x.ravel(), y.ravel()], axis=1), (columns, rows)
-
-
-def refined_map(
-    values: Float[np.ndarray, " nodes"], nodes: tuple[int, int], size: tuple[int, int]
-) -> Float[np.ndarray, "high wide"]:
-    """Values at each pixel from those at the nodes of `coarse_pixels`."""
-    columns, rows = nodes
-    grid = values.reshape(rows, columns).astype(np.float32)
-    fine = cv2.resize(grid, (columns * CELL, rows * CELL), interpolation=cv2.INTER_LINEAR)
-    return np.ascontiguousarray(fine[CELL : CELL + size[1], CELL : CELL + size[0]])
-
-
-def _dense(pixels: np.ndarray, nodes: tuple[int, int], size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    lost = ~np.isfinite(pixels).all(axis=1)
-    pixels = np.where(lost[:, None], OUTSIDE, pixels)
-    return refined_map(pixels[:, 0], nodes, size), refined_map(pixels[:, 1], nodes, size)
-
-
-def _view_from_canvas(camera: Camera, canvas: Camera, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """For each pixel of the canvas, the pixel of the view that shows it."""
-    grid, nodes = coarse_pixels(size)
-    pixels, _ = project(_at_origin(camera), rays(canvas, grid) @ camera.R_cam_from_world.T)
-    return _dense(pixels, nodes, size)
-
-
-def _canvas_from_view(canvas: Camera, camera: Camera, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """For each pixel of the view, the pixel of the canvas that shows it."""
-    grid, nodes = coarse_pixels(size)
-    pixels, _ = project(_at_origin(canvas), rays(camera, grid) @ canvas.R_cam_from_world.T)
-    return _dense(pixels, nodes, size)

@@ -10,7 +10,7 @@ from pgm_data.detect.players.ground_map import GroundMap
 
 PLACE_WEIGHTS = np.array([-4.0, 3.0, 4.0, 3.0, -3.0, -1.0, -2.0, -3.0])
 """Log odds of a person by the features of a place: a constant, how full the parts are."""
-PERSON_WEIGHTS = np.array([-2.5, 5.0, 3.0, 3.0, -3.0, -1.0, -1.0, -2.0, -4.0])
+PERSON_WEIGHTS = np.array([-1.0, 5.5, 2.5, 1.5, -5.0, -1.0, 0.0, -0.5, -5.0])
 """The same of a box: also the square of the logarithm of its height over that of a standing person."""
 LEAST_ODDS = -3.0
 """Log odds of the place under which nobody is looked for."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from pgm_data.detect.players.background import coarse_pixels, refined_map
+from pgm_data.detect.players.canvas import coarse_pixels, refined_map
 from pgm_data.geometry.camera import Camera, meet_plane, project
 from pgm_data.scene import Scene, SceneObject
 

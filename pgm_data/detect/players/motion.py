@@ -12,14 +12,13 @@ from pgm_data.detect.players.background import (
     Background,
     BackgroundOptions,
     Bounds,
-    SmallView,
     bounds,
     distinct_frames,
     learn_background,
     picked,
-    small_view,
 )
 from pgm_data.detect.players.candidates import PersonCandidates, Pictures
+from pgm_data.detect.players.canvas import SmallView, small_view
 from pgm_data.detect.players.emptied import emptied
 from pgm_data.detect.players.evidence import PERSON_WEIGHTS, people_in
 from pgm_data.detect.players.ground_map import GroundMap, floor_height, ground_map
@@ -39,9 +38,9 @@ class MotionOptions:
     """People a frame."""
     least: float = 0.05
     """Smallest probability that is kept."""
-    shadow: tuple[float, float] = (0.4, 0.95)
+    shadow: tuple[float, float] = (0.55, 0.95)
     """Brightness of a shadow over that of the ground."""
-    shadow_hue: float = 0.12
+    shadow_hue: float = 0.1
     """Largest difference of that between colours."""
 
 
@@ -117,7 +116,7 @@ def foreground(
     """1 where the picture shows something new that is no shadow, else 0."""
     brighter, darker = cv2.subtract(small, seen.upper), cv2.subtract(seen.lower, small)
     blue, green, red = cv2.split(cv2.max(brighter, darker))
-    mask = cv2.min(cv2.max(cv2.max(blue, green), red), 1)
+    _, mask = cv2.threshold(cv2.max(cv2.max(blue, green), red), 0, 1, cv2.THRESH_BINARY)
     blue, green, red = cv2.split(darker)
     rows, columns = np.nonzero(cv2.max(cv2.max(blue, green), red))
     ratio = (small[rows, columns] + np.float32(1)) / (seen.middle[rows, columns] + np.float32(1))

@@ -26,7 +26,7 @@ MULTIPLE = 32
 """Of which a strip's columns are a multiple."""
 NODE_PX = 8
 """Strip pixels between points that are projected; between them the lens is taken as straight."""
-MOST_STRIPS = 24
+MOST_STRIPS = 32
 GROWTH = 1.2
 """Largest step from one depth to the next, as a factor."""
 LEAST_SEEN = 0.3

@@ -46,7 +46,7 @@ class PoseOptions:
     wider: float = 1.4
     """How much wider that crop is."""
     swap_chance: float = 0.03
-    """Probability that the network takes left for right in a frame; 0 believes it always."""
+    """Probability that the network starts to take left for right in a frame; 0 believes it always."""
 
     def __post_init__(self) -> None:
         """Check the values."""

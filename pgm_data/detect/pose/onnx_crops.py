@@ -16,6 +16,8 @@ DEVIATION = np.array([58.395, 57.12, 57.375], dtype=np.float32)
 """Of the red, green and blue that the networks were trained on (ImageNet's)."""
 BODY_SHARE = 0.8
 """A person's box is widened by 1.25 before it is cut out (OpenMMLab's `padding`)."""
+SEEN_SCORE = 0.3
+"""From which score on OpenMMLab draws a point: here, as likely there as not."""
 LAYOUTS = {
     17: (COCO_POINTS, tuple(range(17))),
     26: (
@@ -94,8 +96,11 @@ def scatter(
 
 
 def presence_of(score: Float[np.ndarray, "crops points"]) -> Float[np.ndarray, " crops"]:
-    """Whether there is a person, for networks that do not say: the score that a quarter of the points reach."""
-    return np.quantile(score, 0.75, axis=-1)
+    """Whether there is a person, for networks that do not say: the score that a quarter of the points reach.
+
+    Measured by twice `SEEN_SCORE`.
+    """
+    return np.clip(np.quantile(score, 0.75, axis=-1) / (2 * SEEN_SCORE), 0.0, 1.0)
 
 
 def peak_offset(

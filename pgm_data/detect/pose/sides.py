@@ -1,7 +1,5 @@
 """Left and right of a body over time: a network that sees a back or crossing legs takes one for the other at times."""
 
-import math
-
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -20,7 +18,9 @@ INDEPENDENT = 3.0
 STATES = np.array([[0, 0], [1, 1], [1, 0], [0, 1]])
 """Whether upper body and legs are swapped."""
 SHARES = np.array([0.5, 0.25, 0.25])
-"""Of the swapped frames, those in which all is swapped, the upper body alone, the legs alone."""
+"""Of the times that the network goes wrong, those in which all is swapped, the upper body alone, the legs alone."""
+STAYS_WRONG = 0.6
+"""Probability that a network that has it wrong has it wrong in the next frame too."""
 
 
 def swapped_points(
@@ -41,7 +41,7 @@ def swapped_points(
         height_px: Of the body; what displacements are measured against.
         time_s: Capture times.
         names: Of the points.
-        chance: Probability that the network has a frame the wrong way round; 0 swaps nothing.
+        chance: Probability that the network goes wrong from one frame to the next; 0 swaps nothing.
     """
     partner = mirrored(names)
     swapped = np.zeros(points_px.shape[:2], dtype=bool)
@@ -62,8 +62,8 @@ def swapped_points(
         )
         changes = STATES[:, None, part] != STATES[None, :, part]
         step += np.where(changes, crossed[:, None, None], kept[:, None, None])
-    unlikely = -np.log(np.concatenate([[1.0 - chance], chance * SHARES])) + math.log1p(-chance)
-    states = STATES[_likeliest(step, unlikely)].astype(bool)
+    turning, first = _network_turns(chance)
+    states = STATES[_likeliest(step + turning, first)].astype(bool)
     for part, places in enumerate(parts):
         swapped[np.ix_(found, places)] = states[:, part, None]
     return swapped
@@ -87,16 +87,27 @@ def _change(
     return INDEPENDENT * unlikely.sum(axis=1) / np.maximum(both.sum(axis=1), 1)
 
 
+def _network_turns(chance: float) -> tuple[Float[np.ndarray, "states states"], Float[np.ndarray, " states"]]:
+    """How unlikely the network goes from one state to another, and starts in one, in natural logarithms."""
+    turns = np.empty((len(STATES), len(STATES)))
+    turns[0] = [1.0 - chance, *(chance * SHARES)]
+    turns[1:, 0] = (1.0 - STAYS_WRONG) * (1.0 - chance)
+    turns[1:, 1:] = (1.0 - STAYS_WRONG) * chance * SHARES
+    turns[np.arange(1, len(STATES)), np.arange(1, len(STATES))] += STAYS_WRONG
+    wrong = chance / (chance + 1.0 - STAYS_WRONG)
+    return -np.log(turns), -np.log(np.array([1.0 - wrong, *(wrong * SHARES)]))
+
+
 def _likeliest(
-    step: Float[np.ndarray, "steps states states"], unlikely: Float[np.ndarray, " states"]
+    step: Float[np.ndarray, "steps states states"], first: Float[np.ndarray, " states"]
 ) -> Int[np.ndarray, " frames"]:
     """The state of each frame on the course with the least cost (Viterbi)."""
-    cost = unlikely
-    came = np.zeros((len(step) + 1, len(unlikely)), dtype=np.int64)
+    cost = first
+    came = np.zeros((len(step) + 1, len(first)), dtype=np.int64)
     for frame, changes in enumerate(step, start=1):
         ways = cost[:, None] + changes
         came[frame] = np.argmin(ways, axis=0)
-        cost = ways.min(axis=0) + unlikely
+        cost = ways.min(axis=0)
     course = np.empty(len(came), dtype=np.int64)
     course[-1] = np.argmin(cost)
     for frame in range(len(step), 0, -1):

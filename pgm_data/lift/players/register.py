@@ -83,9 +83,7 @@ def register_player(
     return _written(motion, view, knots, linkage, fitted, doubt)
 
 
-def _fitted(
-    linkage: Linkage, sight: Sight, pairs: np.ndarray, log_scale: float, options: RegisterOptions
-) -> _Fitted:
+def _fitted(linkage: Linkage, sight: Sight, pairs: np.ndarray, log_scale: float, options: RegisterOptions) -> _Fitted:
     low, high = bounds(linkage)
     posture, sight = started(linkage, sight, pairs, log_scale)
     case = Case(

@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pgm_data.detect.players.background import BackgroundOptions, bounds, learn_background, ranked, small_view
+from pgm_data.detect.players.background import BackgroundOptions, bounds, learn_background, ranked
 from pgm_data.detect.players.candidates import PersonCandidates, PersonFinder
+from pgm_data.detect.players.canvas import small_view
 from pgm_data.detect.players.emptied import emptied
 from pgm_data.detect.players.ground_map import ground_map, standing_height
 from pgm_data.detect.players.motion import MotionOptions, MotionPeople, foreground
@@ -14,7 +15,7 @@ from pgm_data.scene import load_scene
 from tests.detect.players.filmed_people import SIZE, Filmed, camera_of, film, ground_picture, overlap
 
 TENNIS = load_scene("tennis")
-ROWS = 24
+ROWS = 16
 
 
 def walk(*ends: tuple[tuple[float, float], tuple[float, float]], rows: int = ROWS) -> np.ndarray:
@@ -104,18 +105,18 @@ def test_shadows_are_nothing_new_and_people_are():
 
 
 def test_the_box_of_who_is_cut_by_the_lower_edge_reaches_below_it():
-    camera = camera_of(np.zeros(ROWS), np.full(ROWS, 900.0), np.zeros(ROWS))
-    filmed = film(camera, walk(((-1.5, -15.3), (1.5, -15.3))))
+    filmed = film(still_camera(), walk(((-1.5, -14.3), (1.5, -14.3))))
     assert (filmed.boxes_px[:, 0, 3] > SIZE[1] + 5).all()
     people = people_of(filmed)
     assert (best_overlaps(people, filmed.boxes_px) > 0.5).mean() > 0.9
 
 
 def test_who_stands_behind_another_is_found_too():
-    feet = walk(((-3.0, -5.0), (3.0, -5.0)), ((3.0, 4.0), (-3.0, 4.0)))
+    feet = walk(((-3.0, -2.0), (3.0, -2.0)), ((3.0, 2.0), (-3.0, 2.0)))
     filmed = film(still_camera(), feet)
     assert (overlap(filmed.boxes_px[:, 0], filmed.boxes_px[:, 1]) > 0).any()
-    assert (best_overlaps(people_of(filmed), filmed.boxes_px) > 0.4).mean() > 0.9
+    best = best_overlaps(people_of(filmed), filmed.boxes_px)
+    assert (best > 0.4).mean() > 0.9
 
 
 def test_repeats_and_frames_without_a_camera_have_nobody():

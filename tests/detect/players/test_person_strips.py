@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from pgm_data.detect.players.person_strips import (
     FEET_ROW,
-    MOST_STRIPS,
     NODE_PX,
     PERSON_PX,
     REACH_PX,
@@ -63,8 +62,9 @@ def test_whoever_stands_in_the_picture_stands_near_the_ground_line_of_a_strip(ca
     places = np.array([plan.place(np.array([x, y]), strip) for strip in range(len(plan.depths))])
     off = np.abs(places[:, 1] - FEET_ROW)
     nearest = int(off.argmin())
-    if len(plan.depths) < MOST_STRIPS:
-        assert off[nearest] < 1.15 * REACH_PX
+    half = plan.view.height * (np.sqrt(plan.depths[1] / plan.depths[0]) - 1.0) * plan.px_per_m
+    assert off[nearest] < 1.01 * half  # half a step of depths
+    assert half < 1.2 * REACH_PX
     assert -0.5 < places[nearest, 0] < plan.columns - 0.5
 
 
@@ -107,7 +107,7 @@ def test_maps_lead_to_where_the_camera_sees_the_plane(camera):
     exact = project(camera, plan.world(strips, pixels))[0]
     inside = ((exact > 0) & (exact < np.array(SIZE))).all(axis=1)
     found = maps[strips, pixels[:, 1].astype(int), pixels[:, 0].astype(int)]
-    assert np.abs(found - exact)[inside].max(initial=0.0) < 0.1
+    assert np.abs(found - exact)[inside].max(initial=0.0) < 0.3
 
 
 def test_between_nodes_values_are_bilinear():
