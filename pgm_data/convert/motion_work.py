@@ -35,7 +35,7 @@ class MotionImport:
     up: Literal["y", "z", "format"] = "format"
     """Axis of the file that points up; `format`: z of SMPL (as AMASS has it), y of BVH."""
     player: str = ""
-    """Player object of the scene that moves; empty: the one that the file's name ends in (`_player1`), else the first."""
+    """Player object that moves; empty: the one that the file's name ends in (`_player1`), else the first."""
     frames_per_second: float | None = None
     """Of files that do not say; None: such files are refused."""
     unit_m: float | None = None

@@ -17,16 +17,11 @@ PREPOSITIONS = frozenset(
     "towards toward around about after before during until till past above below against among beside within without "
     "off upon via like as while when because since if although though that's than".split()
 )
-CONJUNCTIONS = frozenset("and or but nor yet plus so & then".split()) - {"then", "so"}
-PARTICLES = frozenset(["to", "'s", "s'", "not", "n't"])
+CONJUNCTIONS = frozenset("and or but nor yet plus".split())
+PARTICLES = frozenset(["to", "'s"])
 PHRASAL = frozenset("up out down off over away back".split())
 """Particles where they follow a verb and no noun comes after them; else adverbs or prepositions."""
-NUMERALS = frozenset("one two three four five six seven eight nine ten eleven twelve first second third 's".split()) - {
-    "first",
-    "second",
-    "third",
-    "'s",
-}
+NUMERALS = frozenset("one two three four five six seven eight nine ten eleven twelve hundred thousand".split())
 ADVERBS = frozenset(
     "again almost already also always away backward backwards forward forwards sideways sideway then there here now "
     "never not still soon too very well just only once twice together apart ahead aside upward upwards downward "

@@ -38,7 +38,6 @@ PARTS = (
 
 TOKEN = re.compile(r"'s\b|(?<=s)'(?=\s|$)|[^\W\d_]+(?:[-'](?!s\b)[^\W\d_]+)*|\d+(?:[.,]\d+)*|[^\w\s]|_")
 """A word, a number or a mark; the 's of a possessive is a word of its own, as taggers have it."""
-_NOMINAL = ("nouns", "adjectives", "numerals")
 _AMBIGUOUS = (VERBS & NOUNS) | frozenset(
     """serve serves return returns slice slices volley volleys lob lobs smash smashes drive drives drop drops toss
     tosses block blocks swing swings stretch reach lunge approach pass walk jog sprint run runs move moves turn turns
@@ -65,22 +64,24 @@ def parts_of(tokens: Sequence[str]) -> list[str]:
         before = parts[-1] if parts else ""
         last = tokens[place - 1] if place else ""
         after = tokens[place + 1] if place + 1 < len(tokens) else ""
-        parts.append(_part(token, before, last, after, parts))
+        parts.append(_part(token, before, last, after))
     return parts
 
 
-def _part(token: str, before: str, last: str, after: str, earlier: Sequence[str]) -> str:
+def _part(token: str, before: str, last: str, after: str) -> str:
     """The part of one token, after the part and the word before it and before the word after it."""
     if not token[0].isalnum() and token not in PARTICLES:
         return "particles" if token == "'" and before == "nouns" else "punctuation"
     if token[0].isdigit() or token in NUMERALS:
         return "numerals"
     if token in PARTICLES:
-        return "adverbs" if token == "not" else "particles"
+        return "particles"
     if token in CONJUNCTIONS:
         return "conjunctions"
-    if token in ("that", "which", "who"):
-        return "articles" if token == "that" and _starts_noun(after) and before != "nouns" else _relative(token)
+    if token == "that":
+        return "articles" if before == "nouns" or _starts_noun(after) else "prepositions"
+    if token in ("who", "whom"):
+        return "pronouns"
     if token in ("her", "his") or token in DETERMINERS:
         return "articles"
     if token in PRONOUNS:
@@ -96,16 +97,12 @@ def _part(token: str, before: str, last: str, after: str, earlier: Sequence[str]
     if token in ("before", "after", "as", "until", "near", "past", "inside", "outside", "like", "about", "around"):
         return "prepositions" if after and after not in ",." else "adverbs"
     if token in _AMBIGUOUS:
-        return _noun_or_verb(token, before, last, after, earlier)
+        return _noun_or_verb(token, before, last, after)
     if token in PREPOSITIONS:
         return "prepositions"
     if token in VERBS and token not in ADJECTIVES:
         return _verb_or_adjective(token, before, after)
     return _open_class(token, before, after)
-
-
-def _relative(token: str) -> str:
-    return "prepositions" if token == "that" else "articles" if token == "which" else "pronouns"
 
 
 def _direction(token: str, before: str, after: str) -> str:
@@ -130,9 +127,9 @@ def _is_nominal(word: str) -> bool:
     return word in NOUNS or word in ADJECTIVES or word in _AMBIGUOUS or word == "service"
 
 
-def _noun_or_verb(token: str, before: str, last: str, after: str, earlier: Sequence[str]) -> str:
+def _noun_or_verb(token: str, before: str, last: str, after: str) -> str:
     """Words such as serve, return, slice: nouns inside of a phrase that a determiner opened, else verbs."""
-    if last in ("to", "not") or last in AUXILIARIES:
+    if last in ("to", "not", "that", "which", "who") or last in AUXILIARIES:
         return "verbs"
     if before in ("articles", "adjectives", "numerals") or last in ("'s", "'"):
         return "nouns"
@@ -167,7 +164,7 @@ def _verb_or_adjective(token: str, before: str, after: str) -> str:
 def _open_class(token: str, before: str, after: str) -> str:
     """Words of the open classes, by the lexicon, by what is around them, and by how they end."""
     if token in ADVERBS and token in ADJECTIVES:
-        inside = before in ("articles", "adjectives", "prepositions") or last_of_phrase(after)
+        inside = before in ("articles", "adjectives", "prepositions") or after in NOUNS
         return "adjectives" if inside and _is_nominal(after) else "adverbs"
     if token in ADVERBS:
         return "adverbs"
@@ -192,8 +189,3 @@ def _open_class(token: str, before: str, after: str) -> str:
     if token.endswith(ADJECTIVE_ENDINGS) and not token.endswith(NOUN_ENDINGS):
         return "adjectives"
     return "nouns" if token.isalpha() or token.isalnum() else "others"
-
-
-def last_of_phrase(after: str) -> bool:
-    """Whether a noun follows, so that a word before it may qualify it."""
-    return after in NOUNS

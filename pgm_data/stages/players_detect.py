@@ -140,7 +140,7 @@ def found_players(
     if SKELETONS_OPTION in files:
         from pgm_data.stages.players_shapes import with_shapes
 
-        poses = with_shapes(poses, files[SKELETONS_OPTION], scene)
+        poses = with_shapes(poses, files[SKELETONS_OPTION])
     from pgm_data.detect.players.looks import look
 
     cut = cuts(boxes, clip.capture_time)

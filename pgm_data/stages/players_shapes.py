@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 
 from pgm_data.convert.smpl_npz import SkeletonShapes, read_skeleton_shapes
+from pgm_data.lift.players.joint_sets import at_places
 from pgm_data.people import PlayerPoses
-from pgm_data.scene import Scene
 
 
-def with_shapes(poses: PlayerPoses, path: Path, scene: Scene) -> PlayerPoses:
+def with_shapes(poses: PlayerPoses, path: Path) -> PlayerPoses:
     """The poses with the shapes that the file gives in place of a network's guesses.
 
     A network that looks at a crop sees in the axes of a camera that looks at the crop's middle, as `points_ray` has it.
@@ -26,20 +26,8 @@ def with_shapes(poses: PlayerPoses, path: Path, scene: Scene) -> PlayerPoses:
     if len(shapes.frame) and shapes.frame[-1] >= frames:
         raise ValueError(f"{path}: frame_index: expected frames 0 to {frames - 1}, got {int(shapes.frame[-1])}")
     points = np.full_like(poses.points_ray, np.nan)
-    for column, player in enumerate(_columns(shapes, poses, path)):
-        skeleton = scene.players[player].skeleton
-        assert skeleton is not None
-        at_joint = {
-            name: skeleton.joint_names[joint]
-            for name, joint, offset in zip(
-                skeleton.point_names, skeleton.point_joints, skeleton.point_offsets, strict=True
-            )
-            if not offset.any()
-        }
-        for place, name in enumerate(poses.point_names):
-            if at_joint.get(name) in shapes.joint_names:
-                joint = shapes.joint_names.index(at_joint[name])
-                points[shapes.frame, player, place] = shapes.joints_cam[:, column, joint]
+    placed = at_places(shapes.joints_cam, source=shapes.joint_set, places=poses.point_names)
+    points[np.ix_(shapes.frame, _columns(shapes, poses, path))] = placed
     return replace(poses, points_ray=points)
 
 

@@ -33,7 +33,7 @@ def played(tmp_path_factory) -> Path:
         "--seed",
         "12",
     ]
-    assert run([*argv, "--matches", "1", "--minutes", "0.5", "--jobs", "1"]) == 0
+    assert run([*argv, "--matches", "1", "--minutes", "0.7", "--jobs", "1"]) == 0
     return out / "sim" / "work"
 
 

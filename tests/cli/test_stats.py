@@ -1,6 +1,7 @@
 """`pgm stats` prints the table of a dataset, or its numbers, and writes both with the pictures."""
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -44,8 +45,6 @@ def test_what_is_no_dataset_is_refused_and_a_broken_one_named(
 ) -> None:
     assert run(["stats", str(tmp_path)]) == 2
     assert "DATASET: expected a folder that pgm pack wrote" in capsys.readouterr().err
-    import shutil
-
     shutil.copytree(dataset, tmp_path / "broken")
     next((tmp_path / "broken" / "captions").rglob("*.parquet")).write_bytes(b"no parquet")
     assert run(["stats", str(tmp_path / "broken")]) == 2

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -20,7 +21,8 @@ from pgm_data.dataset.stats import ALL, Tally, dataset_stats, tally_document
 from pgm_data.dataset.stats_histograms import histogram_svg, histograms_of
 from pgm_data.dataset.stats_table import stats_document, stats_table, write_stats
 from pgm_data.dataset.stats_words import PARTS, parts_of, words_of
-from pgm_data.scene import load_scene
+from pgm_data.dataset.tables import read_table, write_table
+from pgm_data.scene import load_scene, scene_from_fields, scene_text
 from tests.simulate.store_worlds import write_truth_clip
 
 SHORT = {
@@ -119,6 +121,18 @@ def test_frames_without_a_camera_or_a_player_are_not_annotated(tmp_path: Path) -
     assert "nothing to count" in (tmp_path / "out" / "meta" / "summary" / "words.svg").read_text()
 
 
+def test_a_scene_with_no_players_and_no_words_is_counted(tmp_path: Path) -> None:
+    fields = yaml.safe_load(scene_text("tennis")) | {"name": "court_only"}
+    fields["objects"] = {name: o for name, o in fields["objects"].items() if o["kind"] not in ("player", "ball")}
+    del fields["ball"]
+    court = scene_from_fields(fields)
+    write_truth_clip(tmp_path / "work" / "empty", court, frames=1)
+    pack_work_folders([tmp_path / "work"], tmp_path / "out", scene=court)
+    found = tally_document(dataset_stats(tmp_path / "out").whole)
+    assert (found["frames"], found["annotated_frames"], found["captions"], found["hours"]) == (1, 1, 0, 0.0)
+    assert found["rates"] == [] and "court_only" in (tmp_path / "out" / "README.md").read_text()
+
+
 def test_the_card_shows_the_table_and_the_four_histograms_that_are_beside_it(
     small_dataset: Path, tmp_path: Path
 ) -> None:
@@ -155,8 +169,6 @@ def test_histograms_lose_nobody(durations: list[float], words: dict[int, int]) -
 
 
 def test_a_caption_of_ten_thousand_words_is_one_caption(tmp_path: Path) -> None:
-    from pgm_data.dataset.tables import read_table, write_table
-
     folder = tmp_path / "work" / "clip"
     write_truth_clip(folder, load_scene("blocks"))
     columns = read_table(folder / "captions.parquet")

@@ -30,9 +30,13 @@ class FollowOptions:
     place_std_m: float = 0.25
     """Standard deviation of a person's place as the camera sees it, across its view, m."""
     longest_gap_s: float = 1.0
-    """Longest time that a path is without its player and goes on."""
-    jump_cost: float = 30.0
-    """What it costs to go on anywhere, as after a cut or a longer gap, log odds."""
+    """Longest time without the player that is bridged, s."""
+    longest_absence_s: float = 3.0
+    """Longest time without the player after which he is looked for within his reach, s."""
+    absence_cost: float = 4.0
+    """What each second of it costs that is not bridged, log odds."""
+    jump_cost: float = 25.0
+    """What it costs to go on anywhere, as after a cut or a longer absence, log odds."""
     surest: float = 2.0
     """Largest gain or loss by one person, log odds."""
     still_cost: float = 2.0
@@ -239,13 +243,14 @@ def best_path(
     total, previous = value.copy(), np.full(len(used), -1)
     starts = np.flatnonzero(np.r_[True, np.diff(frame) > 0])
     ends = np.r_[starts[1:], len(used)]
-    since = np.searchsorted(time, time[starts] - options.longest_gap_s, side="left")
+    since = np.searchsorted(time, time[starts] - options.longest_absence_s, side="left")
     best, best_at = -np.inf, -1
     for start, end, first in zip(starts, ends, since, strict=True):
         if start:
             here, before = slice(start, end), slice(min(first, start), start)
             passed = time[here, None] - time[None, before]
             cost = _move_cost(places[here, None], places[None, before], passed, camera_xy[here, None], options)
+            cost += options.absence_cost * np.maximum(passed - options.longest_gap_s, 0.0)
             jump = best - options.jump_cost
             came = np.concatenate([total[before][None] - cost, np.full((end - start, 1), jump)], axis=1)
             at = came.argmax(axis=1)
