@@ -129,7 +129,7 @@ def _drawn(
     for number in range(worlds):
         rng = np.random.default_rng([seed, number])
         if number % PROPS_FOR == 0:
-            props = draw_props(np.random.default_rng([seed, number, 1]), scene, *SIZE, count=min(6, 1 + worlds))
+            props = draw_props(np.random.default_rng([seed, number, 1]), scene, *SIZE, count=min(6, worlds))
         assert props is not None
         seen = _views(rng, scene, views)
         world = draw_world(

@@ -148,12 +148,12 @@ def test_a_network_learns_a_handful_of_pieces(courts, tmp_path):
     batch = task.batch(0)
     task.batch = lambda index: batch  # the same pieces over and over
     torch.manual_seed(0)
-    training = TrainOptions(steps=50, learning_rate=1e-2, average=0.5, log_every=1000, threads=1, clip=10.0)
+    training = TrainOptions(steps=30, learning_rate=1e-2, average=0.5, log_every=1000, threads=1, clip=10.0)
     network = train(PersonNet(), task, training, tmp_path / "run", provenance={}).network
     with torch.no_grad():
         before, _ = task.loss(PersonNet().eval(), batch)
         after, _ = task.loss(network, batch)
-    assert float(after) < 0.35 * float(before)
+    assert float(after) < 0.5 * float(before)
     assert set(task.validate(network)) == {"recall", "recall_at_half", "precision_at_half", "role", "feet_px"}
 
 
@@ -198,7 +198,7 @@ def test_onnx_equals_torch_for_strips_of_any_number_and_width(tmp_path):
 
 def test_a_short_run_leaves_a_network_that_the_finder_takes(tmp_path, capsys):
     run = tmp_path / "run"
-    argv = ["people", "--out", str(run), "--courts", "1", "--people", "4", "--steps", "1", "--batch", "4"]
+    argv = ["people", "--out", str(run), "--courts", "1", "--people", "2", "--steps", "1", "--batch", "4"]
     assert main([*argv, "--threads", "1"]) == 0
     assert "wrote" in capsys.readouterr().out
     StripPeople.load(run / "person.onnx")

@@ -50,11 +50,13 @@ def errors_of(truth: PlayerTrack, track: PlayerTrack) -> dict:
 
 def test_players_are_placed_within_decimetres_and_their_table_holds_to_the_contract(solved, simulated, tmp_path):
     _, truth, _, found = solved
-    for number, bar in ((0, 0.15), (1, 0.4)):
+    for number, bar in ((0, 0.07), (1, 0.14)):
         errors = errors_of(truth.players[number], found.players[number])
         assert errors["placed"] == errors["there"] == FRAMES
         assert errors["wrong"] == 0
-        assert errors["root_rms_m"] < bar
+        assert errors["root_median_m"] < bar
+        assert errors["root_rms_m"] < 0.4  # in the air a metre along the court is a pixel
+        assert errors["stance_p95_m"] < 0.02
     shutil.copytree(simulated, tmp_path / simulated.name)
     write_clip_players(tmp_path / simulated.name, found, scene=TENNIS)
     assert check_paths([tmp_path / simulated.name / "players.parquet"]) == []

@@ -18,8 +18,12 @@ ALIKE = 1.0
 """Log odds by which two places are hardly different."""
 LEAST_TRUNK = 0.15
 """Least share of a trunk that must be new."""
-SHADOW_ROWS = 0.1
+LEAST_AREA = 0.04
+"""Least area that must be new about a person, in squares of his height; a body that shows all of itself has 0.15."""
+SHADOW_ROWS = 0.12
 """Height up to which a shadow on the ground may join the feet, in heights of a person."""
+STRIDE = 0.1
+"""How far feet may lie outside of all of the body above, in heights of a person."""
 TRUNK = (-0.17, 0.17, -0.8, -0.3)
 PARTS = (
     (-0.17, 0.17, -1.0, -0.62),
@@ -188,12 +192,15 @@ def _refined(
     first = int(np.argmax(mine.any(axis=1)))
     mine[max(round(y + 0.1 * height) - top, round(first + 1.15 * height)) :] = False
     total = int(mine.sum())
-    if total < 0.06 * height**2 * min(1.0, (bottom - top) / (1.45 * height) + 0.3) or total < 8:
+    if total < LEAST_AREA * height**2 * min(1.0, (bottom - top) / (1.45 * height) + 0.3) or total < 8:
         return None
     # A shadow lies at the feet, so how wide he is is told above them.
-    feet_rows = max(0, round(y - SHADOW_ROWS * height) - top)
+    lowest = int(np.flatnonzero(mine.any(axis=1))[-1])
+    feet_rows = max(0, round(lowest - SHADOW_ROWS * height))
     above = mine[:feet_rows] if mine[:feet_rows].sum() > 0.5 * total else mine
-    x0, x1 = _ends(above.sum(axis=0), 0.015 * total)
+    body, whole = _ends(above.sum(axis=0), 0.015 * total), _ends(mine.sum(axis=0), 0.015 * total)
+    stride = round(STRIDE * height)
+    x0, x1 = max(whole[0], body[0] - stride), min(whole[1], body[1] + stride)
     mine = mine[:, x0 : x1 + 1]
     y0, y1 = _ends(mine.sum(axis=1), 0.006 * total)
     box = np.array([left + x0 - 0.5, top + y0 - 0.5, left + x1 + 0.5, top + y1 + 0.5])

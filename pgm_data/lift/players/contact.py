@@ -10,12 +10,12 @@ from jaxtyping import Float
 class ContactLaw:
     """How planted and free feet differ."""
 
-    planted_height_m: float = 0.02
+    planted_height_m: float = 0.012
     """Standard deviation of the lowest point of a planted sole."""
     free_height_m: float = 0.15
     planted_speed: float = 0.25
-    """Standard deviation of each component of the level speed of that point, m/s."""
-    free_speed: float = 2.0
+    """Standard deviation of each component of the velocity of that point, m/s."""
+    free_speed: float = 0.8
     stays_s: float = 0.25
     """Mean time that a foot stays planted, or free."""
     planted: float = 0.6
@@ -27,8 +27,8 @@ def contact_probability(
     *,
     height: Float[np.ndarray, " frames"],
     height_var: Float[np.ndarray, " frames"],
-    velocity: Float[np.ndarray, "intervals 2"],
-    velocity_cov: Float[np.ndarray, "intervals 2 2"],
+    velocity: Float[np.ndarray, "intervals axes"],
+    velocity_cov: Float[np.ndarray, "intervals axes axes"],
     times: Float[np.ndarray, " frames"],
 ) -> Float[np.ndarray, " frames"]:
     """Probability that a foot is planted, by a hidden Markov model's forward and backward pass.
@@ -40,7 +40,7 @@ def contact_probability(
         law: The two states.
         height: Of the sole's lowest point over the ground, metres; NaN says nothing.
         height_var: m^2.
-        velocity: Level velocity between frames, m/s; NaN says nothing.
+        velocity: Between frames along two or three axes, m/s; NaN says nothing.
         velocity_cov: (m/s)^2.
         times: s, rising.
     """
@@ -64,7 +64,7 @@ def _speed_gain(law: ContactLaw, velocity: np.ndarray, cov: np.ndarray) -> np.nd
     """The same of the velocity."""
     known = np.asarray(np.isfinite(velocity).all(axis=1) & np.isfinite(cov).all(axis=(1, 2)))
     v, C = np.where(known[:, None], velocity, 0.0), np.where(known[:, None, None], cov, 0.0)
-    planted, free = C + law.planted_speed**2 * np.eye(2), C + law.free_speed**2 * np.eye(2)
+    planted, free = C + law.planted_speed**2 * np.eye(v.shape[1]), C + law.free_speed**2 * np.eye(v.shape[1])
     distance = [np.einsum("fa,fab,fb->f", v, np.linalg.inv(M), v) for M in (planted, free)]
     gain = 0.5 * np.log(np.linalg.det(free) / np.linalg.det(planted)) - 0.5 * (distance[0] - distance[1])
     return np.where(known, gain, 0.0)

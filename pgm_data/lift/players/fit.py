@@ -116,16 +116,16 @@ def judged_contact(case: Case, posture: Posture, law: ContactLaw) -> Float[np.nd
         # Of the point that is lowest in both frames.
         both = np.sqrt(share[1:] * share[:-1])
         both = both / both.sum(axis=1, keepdims=True)
-        velocity = np.einsum("fp,fpa->fa", both, np.diff(mine[..., :2], axis=0)) / step[:, None]
-        early = np.einsum("fp,fpan->fan", both, own[:-1, :, :2])
-        late = np.einsum("fp,fpan->fan", both, own[1:, :, :2])
+        velocity = np.einsum("fp,fpa->fa", both, np.diff(mine, axis=0)) / step[:, None]
+        early = np.einsum("fp,fpan->fan", both, own[:-1])
+        late = np.einsum("fp,fpan->fan", both, own[1:])
         across = np.einsum("fan,fnm,fbm->fab", early, following[:-1], late)
         velocity_cov = (
             np.einsum("fan,fnm,fbm->fab", early, cov[:-1], early)
             + np.einsum("fan,fnm,fbm->fab", late, cov[1:], late)
             - across
             - np.swapaxes(across, 1, 2)
-        ) / step[:, None, None] ** 2 + (case.ground.slide_m / case.motion.lasts_s) ** 2 * np.eye(2)
+        ) / step[:, None, None] ** 2 + (case.ground.slide_m / case.motion.lasts_s) ** 2 * np.eye(3)
         out[:, foot] = contact_probability(
             law,
             height=height,

@@ -33,7 +33,7 @@ class MotionLaw:
     balance_std: float = 0.1
     """How far the root is off the middle of the ankles, level, while both feet stand, metres; with heavy tails."""
     scale_std: float = 0.05
-    root_acceleration: tuple[float, float, float] = (4.0, 4.0, 8.0)
+    root_acceleration: tuple[float, float, float] = (3.0, 3.0, 10.0)
     """Standard deviations along world x, y, z while a foot stands, m/s^2; nobody changes speed at will."""
     turn_acceleration: float = 25.0
     """Of the root, rad/s^2; with heavy tails, as the next."""
@@ -63,7 +63,7 @@ class GroundLaw:
     slide_m: float = 0.004
     """How far its lowest point slides between frames `MotionLaw.lasts_s` apart."""
     freedom: float = 2.0
-    """Degrees of freedom of the Student distributions of height and slide: pictures may lift a foot thought planted."""
+    """Degrees of freedom of the Student distributions of height, flatness and slide: pictures may lift what is thought planted."""
     lowest_m: float = 0.01
     """Within how much of each other several points are the lowest one."""
 
@@ -291,6 +291,7 @@ def ground_term(
         planted = contact[:, foot, None]
         share = lowest_shares(z, law)
         high_cost, high_weight = _student((z / law.height_m) ** 2, law.freedom, 1)
+        flat_cost, flat_weight = _student((z / law.flat_m) ** 2, law.freedom, 1)
         stays = np.sqrt(share[1:] * share[:-1]) * planted[1:] * planted[:-1]
         slid = np.diff(mine[..., :2], axis=0)
         slide = law.slide_m**-2 / np.maximum(step, 0.25)[:, None]
@@ -298,9 +299,9 @@ def ground_term(
         parts = (
             (np.minimum(z, 0.0), (z < 0) / law.below_m**2),
             (z, share * planted * high_weight / law.height_m**2),
-            (z, (1.0 - share) * planted / law.flat_m**2),
+            (z, (1.0 - share) * planted * flat_weight / law.flat_m**2),
         )
-        cost += sum(0.5 * np.sum(weight * value**2) for value, weight in (parts[0], parts[2]))
+        cost += 0.5 * np.sum(parts[0][1] * z**2) + np.sum((1.0 - share) * planted * flat_cost)
         cost += np.sum(share * planted * high_cost) + np.sum(stays * slide_cost)
         slide = (stays * slide * slide_weight)[..., None]
         if equations is None or slopes is None or by_scale is None:

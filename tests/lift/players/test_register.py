@@ -246,9 +246,9 @@ def test_a_guessed_shape_tells_a_limb_that_points_away_from_one_that_points_here
     assert relative(known) < min(0.07, relative(plain))
 
 
-def test_presets_are_named() -> None:
-    with pytest.raises(ValueError, match="quality: expected one of draft, standard, best, got 'good'"):
-        register_options("good")  # type: ignore[arg-type]
+def test_presets_cost_more_as_they_promise_more() -> None:
+    draft, standard, best = (register_options(quality) for quality in ("draft", "standard", "best"))
+    assert draft.rounds < standard.rounds < best.rounds and draft.finest_s > standard.finest_s == 0
 
 
 def test_a_view_says_what_is_wrong_with_it() -> None:
