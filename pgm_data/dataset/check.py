@@ -30,10 +30,12 @@ STATE_FOLDER = ".pgm"
 LEFTOVER = re.compile(r"^\..*\.\d+(\.tmp|\.part(\.\w+)?)?$|\.(tmp|part|partial)$|~$")
 """Names of unfinished files, which a killed run leaves behind."""
 
+STAGE_RUNS = ("run_players.json", "run_ball3d.json", "run_caption.json")
+"""Documents of the stages that work on a work folder, where they ran."""
 DOCUMENT_NAMES = {
     "clip.json": "clip",
     "run.json": "run",
-    "run_ball3d.json": "run",
+    **dict.fromkeys(STAGE_RUNS, "run"),
     "camera.json": "camera",
     "info.json": "dataset_info",
     "prompt.json": "prompt",
@@ -168,8 +170,9 @@ def _check_work(work: Path, findings: Findings) -> None:
     _leftovers(work, findings)
     if findings.expect(work / "run.json"):
         findings.document(work / "run.json", "run")
-    if (work / "run_ball3d.json").exists():
-        findings.document(work / "run_ball3d.json", "run")
+    for name in STAGE_RUNS:
+        if (work / name).exists():
+            findings.document(work / name, "run")
     folders = sorted(p for p in work.iterdir() if p.is_dir() and p.name != STATE_FOLDER and _is_clip(p))
     clips = {folder.name: _check_clip(folder, findings) for folder in folders}
     findings.add(work, twin_faults(_named(clips)))
