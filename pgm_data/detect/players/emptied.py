@@ -34,7 +34,7 @@ MOST = 14
 LEAST_FULL = (0.35, 0.35, 0.2)
 """Least share of head, trunk and legs that differ from the ground."""
 LARGEST_ASIDE = 0.35
-"""Largest share of what is left, right and above of a person that may differ from the ground too."""
+"""Largest share of what is left, right, above and below of a person that may differ from the ground too."""
 TALLEST = 1.3
 """Tallest of them, in heights of a standing person; the shortest is as much shorter."""
 
@@ -78,7 +78,7 @@ def _usual_places(places: GroundMap, camera: Camera, scene: Scene) -> GroundMap:
 
 def _stands(features: Float[np.ndarray, " features"]) -> bool:
     """Whether what differs from the ground has the shape of a person who stands alone."""
-    full, aside, height = features[1:4], features[[4, 5, 6]], np.sqrt(features[8])
+    full, aside, height = features[1:4], features[4:8], np.sqrt(features[8])
     return bool((full > LEAST_FULL).all() and aside.max() < LARGEST_ASIDE and height < np.log(TALLEST))
 
 
