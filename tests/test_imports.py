@@ -49,7 +49,7 @@ def test_every_command_says_its_version(name: str) -> None:
     assert not loaded & HEAVY
 
 
-NEEDED = {name: ("work",) for name in ("ball3d", "view", "players", "caption", "pack", "stats")}
+NEEDED = dict.fromkeys(("ball3d", "view", "players", "caption", "pack", "stats"), ("work",))
 """Arguments that a verb does not go without."""
 
 

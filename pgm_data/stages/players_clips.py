@@ -10,7 +10,8 @@ import numpy as np
 
 from pgm_data.dataset.clip_camera import ClipCamera, read_clip_camera
 from pgm_data.dataset.clip_players import ClipPlayers, write_clip_players
-from pgm_data.dataset.documents import read_document
+from pgm_data.dataset.documents import read_document, write_document
+from pgm_data.detect.graphics import steady_graphics
 from pgm_data.scene import Scene, load_scene
 from pgm_data.stages.clip_doubt import camera_doubt
 from pgm_data.stages.clip_pictures import ClipPictures
@@ -111,6 +112,17 @@ def players_of_clips(
         for clip_id in good:
             write_clip_report(work, clip_id)
     return tuple(outcomes)
+
+
+def _propose_graphics(work: Path, clip: ClipCamera, pictures: ClipPictures, options: PlayersOptions) -> None:
+    """Write graphics that stay while the scene moves into clip.json, where nobody has said what there is."""
+    path = work / clip.clip_id / "clip.json"
+    document = read_document(path, "clip")
+    if document["ui_boxes_px"] or options.quality == "draft":
+        return
+    boxes = steady_graphics(pictures, clip, size=pictures.size)
+    if len(boxes):
+        write_document(path, "clip", document | {"ui_boxes_px": np.round(boxes, 2).tolist()})
 
 
 def _placed(work: Path, clip: ClipCamera, found: FoundPlayers, scene: Scene, options: PlayersOptions) -> PlayersOutcome:

@@ -27,7 +27,7 @@ def with_shapes(poses: PlayerPoses, path: Path) -> PlayerPoses:
         raise ValueError(f"{path}: frame_index: expected frames 0 to {frames - 1}, got {int(shapes.frame[-1])}")
     points = np.full_like(poses.points_ray, np.nan)
     placed = at_places(shapes.joints_cam, source=shapes.joint_set, places=poses.point_names)
-    points[np.ix_(shapes.frame, _columns(shapes, poses, path))] = placed
+    points[shapes.frame[:, None], np.array(_columns(shapes, poses, path))] = placed
     return replace(poses, points_ray=points)
 
 

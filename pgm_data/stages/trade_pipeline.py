@@ -97,7 +97,7 @@ def write_figures(out: Path, rows: Sequence[dict]) -> str:
         ]
         for i, name in enumerate(names)
     ]
-    told = {ERRORS[key]: values for key, values in errors.items()}
+    told: dict[str, Sequence[float]] = {ERRORS[key]: values for key, values in errors.items()}
     parts = ["# The whole pipeline: what a preset costs downstream", markdown(head, lines)]
     budget = [_within(names, times, what, values) for what, values in told.items()]
     parts.append("\n".join(f"- {line}" for line in [*budget, *dominance_lines(names, times, told)] if line))

@@ -51,6 +51,8 @@ class Background:
 
     middle: UInt8[np.ndarray, "high wide 3"]
     """Its colours."""
+    other: UInt8[np.ndarray, "high wide 3"]
+    """What else a place shows for a good part of the clip; the same colours where that is nothing."""
     margin: UInt8[np.ndarray, "high wide"]
     """Differences from them up to which nothing is new, grey levels."""
     camera: Camera
@@ -145,11 +147,11 @@ def _background_of(
     _balance_unseen(samples, unseen)
     median = ranked(samples, 0.5)
     apart = _apart(samples, unseen, median)
-    median = repaired(median, samples, [d > _margin(apart, options) for d in apart], options.least_share)
+    median, other = repaired(median, samples, [d > _margin(apart, options) for d in apart], options.least_share)
     margin = np.clip(_margin(_apart(samples, unseen, median), options), 0, 255).astype(np.uint8)
     if unseen:
         margin[np.mean(unseen, axis=0) > 0.999] = 255
-    return Background(middle=median, margin=margin, camera=canvas, moving=bool(unseen))
+    return Background(middle=median, other=other, margin=margin, camera=canvas, moving=bool(unseen))
 
 
 def _apart(samples: list[np.ndarray], unseen: list[np.ndarray], median: np.ndarray) -> list[np.ndarray]:
@@ -209,8 +211,10 @@ def repaired(
     samples: list[UInt8[np.ndarray, "high wide 3"]],
     differs: list[Bool[np.ndarray, "high wide"]],
     least_share: float,
-) -> UInt8[np.ndarray, "high wide 3"]:
-    """The median, with what else a place shows in its stead wherever that fits better to the colours around.
+) -> tuple[UInt8[np.ndarray, "high wide 3"], UInt8[np.ndarray, "high wide 3"]]:
+    """The median, with what else a place shows in its stead wherever that fits better; and what else is left over.
+
+    What fits is told by the colours around.
 
     Args:
         median: The background so far.
@@ -223,7 +227,7 @@ def repaired(
     asked = cv2.morphologyEx(often, cv2.MORPH_OPEN, np.ones((3, 3)))
     rows, columns = np.nonzero(asked)
     if not len(rows):
-        return median
+        return median, median
     shown = np.stack([sample[rows, columns] for sample in samples]).astype(np.float32)
     other = np.stack([difference[rows, columns] for difference in differs])[..., None]
     mean = (shown * other).sum(axis=0) / np.maximum(other.sum(axis=0), 1)
@@ -249,7 +253,7 @@ def repaired(
         share = cv2.blur(inside.astype(np.float32), (5, 5))
         better = inside & (cv2.blur(gain, (5, 5)) > CLEARLY * share)
         result[window][better] = alternative[window][better].round().astype(np.uint8)
-    return result
+    return result, np.where(result == median, alternative.round().astype(np.uint8), result)
 
 
 def _strangeness(

@@ -60,7 +60,11 @@ def emptied(background: Background, scene: Scene) -> Background:
             his = (cv2.dilate(mask[window], np.ones((5, 5), np.uint8)) > 0) & ~lines[window]
             left = np.arange(x0, x1) < (x0 + x1) // 2
             colours = np.where(left[None, :, None], sides[0][window], sides[1][window])
-            middle[window][his] = colours[his]
+            # Where he was not there all the time, the ground itself has been seen.
+            now, other = (picture[window].astype(int) for picture in (background.middle, background.other))
+            seen = np.abs(other - now).max(axis=2) > usual
+            seen &= np.abs(other - colours).max(axis=2) < np.abs(now - colours).max(axis=2)
+            middle[window][his] = np.where(seen[..., None], other, colours)[his]
             margin[window][his] = usual
     return replace(background, middle=middle, margin=margin)
 

@@ -15,7 +15,7 @@ class ContactLaw:
     free_height_m: float = 0.15
     planted_speed: float = 0.25
     """Standard deviation of each component of the velocity of that point, m/s."""
-    free_speed: float = 0.8
+    free_speed: float = 1.5
     stays_s: float = 0.25
     """Mean time that a foot stays planted, or free."""
     planted: float = 0.6

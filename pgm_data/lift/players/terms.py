@@ -33,7 +33,7 @@ class MotionLaw:
     balance_std: float = 0.1
     """How far the root is off the middle of the ankles, level, while both feet stand, metres; with heavy tails."""
     scale_std: float = 0.05
-    root_acceleration: tuple[float, float, float] = (3.0, 3.0, 10.0)
+    root_acceleration: tuple[float, float, float] = (4.0, 4.0, 10.0)
     """Standard deviations along world x, y, z while a foot stands, m/s^2; nobody changes speed at will."""
     turn_acceleration: float = 25.0
     """Of the root, rad/s^2; with heavy tails, as the next."""
@@ -63,7 +63,10 @@ class GroundLaw:
     slide_m: float = 0.004
     """How far its lowest point slides between frames `MotionLaw.lasts_s` apart."""
     freedom: float = 2.0
-    """Degrees of freedom of the Student distributions of height, flatness and slide: pictures may lift what is thought planted."""
+    """Degrees of freedom of the Student distributions of height, flatness and slide.
+
+    Their heavy tails let the pictures lift a foot that was thought planted.
+    """
     lowest_m: float = 0.01
     """Within how much of each other several points are the lowest one."""
 
