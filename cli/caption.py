@@ -78,6 +78,7 @@ def _caption(command: CaptionCommand, line: str) -> int:
     if not names:
         print_error(f"no clip in {command.work}: expected a work folder that pgm-calibrate wrote")
         return NOTHING_USABLE
+    _check_export(command, names)
     manner = CaptionManner(resume=command.resume, overwrite=command.overwrite)
     started = datetime.now(UTC)
     with hold_work(command.work):
@@ -85,6 +86,21 @@ def _caption(command: CaptionCommand, line: str) -> int:
         write_caption_run(command.work, run, command=line, options=command, started=started)
         lost = _export(command, names) if command.export else ""
     return _tell(command, run, lost)
+
+
+def _check_export(command: CaptionCommand, names: "Sequence[str]") -> None:
+    """Refuse a file that the captions could not be written to, before anything is done."""
+    if not command.export:
+        return
+    from pgm_data.convert.captions_files import WRITTEN_SUFFIXES
+
+    suffix = Path(command.export).suffix.lower()
+    if suffix not in WRITTEN_SUFFIXES:
+        raise option_error(
+            "--export", expected=f"a file that ends in {', '.join(WRITTEN_SUFFIXES)}", got=command.export
+        )
+    if suffix == ".vtt" and len(names) > 1:
+        raise option_error("--export", expected="one clip, as WebVTT holds one video, or --clip", got=f"{len(names)}")
 
 
 def _clips(command: CaptionCommand, there: "Sequence[str]") -> "Sequence[str]":

@@ -1,6 +1,7 @@
 """What the commands that work on the clips of a work folder share."""
 
 import json
+import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -83,6 +84,7 @@ def planned(
     *,
     files: Mapping[str, Path],
     suffixes: Mapping[str, Sequence[str]],
+    for_every_clip: bool = False,
 ) -> "tuple[ClipTask, ...]":
     """The clips to be done; none where the folder holds none.
 
@@ -92,15 +94,16 @@ def planned(
         stage: What is to be done.
         files: By option, a file or a folder of files about clips.
         suffixes: By option, how the names of such files end.
+        for_every_clip: Whether every clip that is to be done needs a file of each option.
 
     Raises:
         UsageError: If an option is not what it must be, or clips have what the stage writes already.
     """
     from pgm_data.stages.clip_run import files_by_clip, has_tables, plan_clips
 
-    if command.workers < 0 or command.timeout < 0:
-        name, value = ("--workers", command.workers) if command.workers < 0 else ("--timeout", command.timeout)
-        raise option_error(name, expected="0 or more", got=value)
+    for name, value in (("--workers", command.workers), ("--timeout", command.timeout)):
+        if not 0 <= value < math.inf:
+            raise option_error(name, expected="0 or more", got=value)
     for option, path in files.items():
         if not path.exists():
             raise option_error(option, expected="a file or a folder", got=f"{path}, which is not there")
@@ -118,6 +121,10 @@ def planned(
         why = "no court was found in its videos" if is_work else "expected a work folder that pgm-calibrate wrote"
         print_error(f"no clip in {work}: {why}")
         return ()
+    for option in files if for_every_clip else ():
+        without = [task.clip_id for task in tasks if option not in task.files]
+        if without:
+            raise option_error(option, expected="a file about every clip, or --clip", got=f"none about {without[0]}")
     there = [task.clip_id for task in tasks if has_tables(stage, work, task.clip_id)]
     if there and not (command.resume or command.overwrite):
         hint = "--resume goes on, --overwrite begins again"

@@ -12,7 +12,7 @@ from .output import hold_work
 if TYPE_CHECKING:
     from pgm_data.convert.corrected_labels import Form
 
-NOTHING_USABLE = 4
+SOME_FAILED, NOTHING_USABLE = 3, 4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,4 +70,6 @@ def _labels(options: LabelImport, form: "Form") -> int:
     if found.commands:
         print("\nto take them in:")
         print("\n".join(f"  {command}" for command in found.commands))
-    return 0
+    for line in found.left_out:
+        print_error(line)
+    return SOME_FAILED if found.left_out else 0

@@ -128,7 +128,7 @@ def _refuse_entries(out: Path, *, resume: bool, overwrite: bool) -> None:
             option, expected="a folder that an earlier run wrote", got=f"{out} without run.json, which is left alone"
         )
     if not (resume or overwrite):
-        hint = "; --resume goes on with it, --overwrite begins again" if ours else ""
+        hint = "; --overwrite begins again, --resume, where the command has it, goes on" if ours else ""
         raise option_error("--out", expected="a new or empty folder", got=f"{out} with {_some(entries)} in it{hint}")
 
 

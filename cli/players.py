@@ -42,7 +42,8 @@ class PlayersCommand:
     boxes: str = ""
     """MOT CSV of boxes to take instead of finding people; of several clips a folder of files named after them."""
     skeletons: str = ""
-    """npz of 3D skeletons (SMPL poses or joints) to register; of several clips a folder of files named after them."""
+    """npz of 3D skeletons in camera axes (SMPL poses or joints, of one or several players) to register; of several
+    clips a folder of files named after them."""
     first_number: Literal[-1, 0, 1] = -1
     """What those files call the video's first frame, 0 or 1; -1 where they tell by themselves."""
     clip: tuple[str, ...] = ()
@@ -80,7 +81,7 @@ def main(argv: list[str]) -> int:
             raise option_error(option, expected="a file", got=f"{value}, which is none")
     named = {KEYPOINTS_OPTION: command.keypoints, BOXES_OPTION: command.boxes, SKELETONS_OPTION: command.skeletons}
     files = {option: Path(value) for option, value in named.items() if value}
-    tasks = planned(command, work, PLAYERS_STAGE, files=files, suffixes=FILE_SUFFIXES)
+    tasks = planned(command, work, PLAYERS_STAGE, files=files, suffixes=FILE_SUFFIXES, for_every_clip=True)
     if not tasks:
         return NOTHING_USABLE
     scene, loaded = scene_of(command.scene, work, tasks)

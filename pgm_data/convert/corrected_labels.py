@@ -38,6 +38,8 @@ class Corrections:
     """Commands that take the files in."""
     ui_boxes: int
     """Graphics that now stand in clip.json."""
+    left_out: tuple[str, ...]
+    """Lines about labels that are none of ours."""
 
 
 def export_labels(work: Path, out: Path, *, form: Form) -> TableOutcome:
@@ -80,7 +82,7 @@ def import_labels(path: Path, folder: Path, *, form: Form) -> Corrections:
     players = tuple(player.name for player in scene.players)
     points = scene.court.point_names if scene.court is not None else ()
     read = read_cvat_labels if form == "cvat" else read_label_studio_labels
-    labels = read(path, clip_labels(folder, scene), players, points)
+    labels, strange = read(path, clip_labels(folder, scene), players, points)
     target, work = folder / FOLDER, folder.parent
     target.mkdir(exist_ok=True)
     files, commands = _write(target, folder, labels, scene, work)
@@ -89,8 +91,9 @@ def import_labels(path: Path, folder: Path, *, form: Form) -> Corrections:
         write_document(folder / "clip.json", "clip", document | {"ui_boxes_px": boxes})
     if not files and not len(labels.ui_px):
         last = labels.first_frame + labels.frames - 1
-        raise ValueError(f"{path}: expected labels in frames {labels.first_frame} to {last} of the video, got none")
-    return Corrections(files=tuple(files), commands=tuple(commands), ui_boxes=len(labels.ui_px))
+        got = f"none; {strange[0]}" if strange else "none"
+        raise ValueError(f"{path}: expected labels in frames {labels.first_frame} to {last} of the video, got {got}")
+    return Corrections(files=tuple(files), commands=tuple(commands), ui_boxes=len(labels.ui_px), left_out=strange)
 
 
 def _write(target: Path, folder: Path, labels: ClipLabels, scene: Scene, work: Path) -> tuple[list[Path], list[str]]:

@@ -8,6 +8,7 @@ alternatives of captions, events' players, and parts of a pixel below 0.01.
 """
 
 import math
+from collections import Counter
 from pathlib import Path
 from xml.parsers import expat
 from xml.sax.saxutils import escape, quoteattr
@@ -113,8 +114,10 @@ def _ended(shapes: list[str], frames: np.ndarray, labels: ClipLabels) -> list[st
     return whole
 
 
-def read_cvat_labels(path: Path, about: ClipLabels, players: tuple[str, ...], points: tuple[str, ...]) -> ClipLabels:
-    """The labels of an export, as far as they lie in the clip; other labels are passed over.
+def read_cvat_labels(
+    path: Path, about: ClipLabels, players: tuple[str, ...], points: tuple[str, ...]
+) -> tuple[ClipLabels, tuple[str, ...]]:
+    """The labels of an export, as far as they lie in the clip, and what was left out because of its label.
 
     Args:
         path: The file.
@@ -136,7 +139,7 @@ def read_cvat_labels(path: Path, about: ClipLabels, players: tuple[str, ...], po
             reader.parser.ParseFile(file)
     except (OSError, expat.ExpatError) as error:
         raise ValueError(f"{path}: expected a CVAT export in XML, got: {error}") from error
-    return labels_of(reader.found, about)
+    return labels_of(reader.found, about), left_out(reader.found, path, (COURT, *players, BALL, UI))
 
 
 class Found:
@@ -150,6 +153,16 @@ class Found:
         self.words: list[tuple[str, int, str]] = []
         self.texts: list[tuple[str, int, int, str]] = []
         self.ui: list[tuple[float, float, float, float]] = []
+        self.strange: Counter[str] = Counter()
+        """Labels that are none of ours, and how many shapes have each."""
+
+
+def left_out(found: Found, path: Path, known: tuple[str, ...]) -> tuple[str, ...]:
+    """A line for each label that is none of ours."""
+    return tuple(
+        f"{path}: label: expected one of {', '.join(known)}, got {label[:60]!r}: {count} left out"
+        for label, count in found.strange.items()
+    )
 
 
 def labels_of(found: Found, about: ClipLabels) -> ClipLabels:
@@ -277,6 +290,8 @@ class _Reader:
                 raise self._fault("event", f"one of {', '.join(EVENT_KINDS)} or {NOTHING}", repr(event[:40]))
         elif self.label == UI and kind == "box":
             self.found.ui.append(self._corners())
+        else:
+            self.found.strange[f"{self.label} ({kind})"] += 1
 
     def _xy(self) -> tuple[float, float]:
         text = self.shape.get("points", "")

@@ -16,7 +16,7 @@ import numpy as np
 from pgm_data import __version__
 from pgm_data.ball import EVENT_KINDS
 from pgm_data.convert.clip_labels import ClipLabels
-from pgm_data.convert.cvat_labels import BALL, UI, Found, labels_of
+from pgm_data.convert.cvat_labels import BALL, UI, Found, labels_of, left_out
 from pgm_data.convert.event_labels import CORNER_ORIGIN
 from pgm_data.dataset.documents import parse_document
 from pgm_data.dataset.files import whole_file
@@ -84,8 +84,10 @@ def _key(labels: ClipLabels, frame: int, box: np.ndarray) -> dict[str, Any]:
 
 def read_label_studio_labels(
     path: Path, about: ClipLabels, players: tuple[str, ...], points: tuple[str, ...]
-) -> ClipLabels:
-    """The labels of an export's annotations, as far as they lie in the clip; predictions count for nothing.
+) -> tuple[ClipLabels, tuple[str, ...]]:
+    """The labels of an export's annotations, as far as they lie in the clip, and what was left out by its label.
+
+    Predictions count for nothing.
 
     Args:
         path: The file.
@@ -109,7 +111,7 @@ def read_label_studio_labels(
             if isinstance(annotation, dict) and not annotation.get("was_cancelled"):
                 place = f"[{number}].annotations[{index}].result"
                 _Reader(path, found, about, players, points).read(annotation.get("result"), place)
-    return labels_of(found, about)
+    return labels_of(found, about), left_out(found, path, (f"{COURT_WORD}NAME", *players, BALL, UI, *EVENT_KINDS))
 
 
 class _Reader:
@@ -142,6 +144,8 @@ class _Reader:
                     self.found.events.append((start, label))
                 elif label in self.players:
                     spans[key] = (label, start, end)
+                else:
+                    self.found.strange[label] += 1
             elif kind == "textarea":
                 text = value.get("text")
                 text = text[0] if isinstance(text, list) and text else text
@@ -181,7 +185,9 @@ class _Reader:
             if name not in self.points:
                 raise self._fault(f"{at}.labels", f"court and one of {', '.join(self.points)}", label)
             self.found.points += [(name, frame, *_middle(box)) for frame, box, _ in keys]
-        elif label in self.players or label == BALL:
+        elif label not in self.players and label != BALL:
+            self.found.strange[label] += len(keys)
+        else:
             for frame, box in _between(keys):
                 if label == BALL:
                     self.found.balls.append((frame, *_middle(box)))

@@ -139,6 +139,11 @@ def files_by_clip(path: Path, work: Path, *, option: str, suffixes: Sequence[str
             return {path.stem: path}
         raise ValueError(f"{option}: expected a folder of files named after the {len(there)} clips, got {path}")
     files = {p.stem: p for p in sorted(path.iterdir()) if p.suffix.lower() in suffixes}
+    if not files:
+        kinds = ", ".join(suffixes)
+        raise ValueError(
+            f"{option}: expected files ({kinds}) named after clips ({', '.join(there)}), got none in {path}"
+        )
     stray = sorted(set(files) - set(there))
     if stray:
         raise ValueError(f"{option}: expected files named after clips ({', '.join(there)}), got {files[stray[0]].name}")

@@ -128,6 +128,8 @@ def found_players(
     said = ""
     if imported is not None:
         poses = imported
+    elif model is not None and not _known_points(model, scene):
+        poses, said = no_poses(boxes), f"the pose network knows no point of the skeletons of scene {scene.name}"
     elif model is not None:
         from pgm_data.detect.pose.estimate import PoseOptions, estimate_poses
 
@@ -154,6 +156,12 @@ def found_players(
         find_s=found - started,
         pose_s=time.monotonic() - found,
     )
+
+
+def _known_points(model: PoseModel, scene: Scene) -> set[str]:
+    """Points of the network that a skeleton of the scene has."""
+    names = [player.skeleton.point_names for player in scene.players if player.skeleton is not None]
+    return set(model.point_names) & set(sum(names, ()))
 
 
 def foreign(options: PlayersOptions, pictures: ClipPictures) -> "PeopleOptions":

@@ -27,16 +27,17 @@ def placed_players(
     motions = []
     for number, player in enumerate(scene.players):
         assert player.skeleton is not None
+        known = [place for place, name in enumerate(poses.point_names) if name in player.skeleton.point_names]
         view = PlayerView(
             camera=clip.camera,
             has_camera=clip.has_camera,
             times=clip.capture_time,
             is_duplicate=clip.is_duplicate,
-            point_names=poses.point_names,
-            points_px=poses.points_px[:, number],
-            sigma_px=poses.sigma_px[:, number],
-            score=poses.score[:, number],
-            points_ray=poses.points_ray[:, number],
+            point_names=tuple(poses.point_names[place] for place in known),
+            points_px=poses.points_px[:, number][:, known],
+            sigma_px=poses.sigma_px[:, number][:, known],
+            score=poses.score[:, number][:, known],
+            points_ray=poses.points_ray[:, number][:, known],
             boxes_px=boxes.boxes_px[:, number],
             ground_world=boxes.ground_world[:, number],
         )

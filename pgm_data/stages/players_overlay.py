@@ -88,7 +88,9 @@ def _draw_body(
     draw_path(picture, project(camera, ellipse)[0], DOUBT, 1)
     joints = track.joints[index]
     over = np.array([root[0], root[1], max(float(np.nan_to_num(joints[:, 2]).max(initial=0.0)), 1.9) + LABEL_OVER_M])
-    draw_words(picture, project(camera, over[None])[0][0] - [30, 0], _label(track, index), colour)
+    draw_words(
+        picture, project(camera, over[None])[0][0] - [30, 0], _label(track, index), COLOURS[number % len(COLOURS)]
+    )
     if not np.isfinite(joints).all():
         return
     pixels, _ = project(camera, joints)

@@ -84,11 +84,11 @@ def test_labels_that_go_out_come_back(simulated, tmp_path, form):
     path = tmp_path / "labels"
     if form == "cvat":
         write_cvat_labels(path, labels, PLAYERS)
-        back = read_cvat_labels(path, labels, PLAYERS, POINTS)
+        back, _ = read_cvat_labels(path, labels, PLAYERS, POINTS)
     else:
         write_label_studio_labels(path, labels, PLAYERS)
         as_annotations(path)
-        back = read_label_studio_labels(path, labels, PLAYERS, POINTS)
+        back, _ = read_label_studio_labels(path, labels, PLAYERS, POINTS)
     same(back, labels, 0.011)
 
 
@@ -111,10 +111,10 @@ def test_gaps_and_odd_words_survive_both_programs(tmp_path, frames, x, words):
         text_end=np.array([min(frames) + 1]), text=np.array([words.strip()], object), ui_px=np.zeros((0, 4)),
     )  # fmt: skip
     write_cvat_labels(tmp_path / "a.xml", labels, PLAYERS)
-    same(read_cvat_labels(tmp_path / "a.xml", labels, PLAYERS, POINTS), labels, 0.011)
+    same(read_cvat_labels(tmp_path / "a.xml", labels, PLAYERS, POINTS)[0], labels, 0.011)
     write_label_studio_labels(tmp_path / "a.json", labels, PLAYERS)
     as_annotations(tmp_path / "a.json")
-    same(read_label_studio_labels(tmp_path / "a.json", labels, PLAYERS, POINTS), labels, 0.011)
+    same(read_label_studio_labels(tmp_path / "a.json", labels, PLAYERS, POINTS)[0], labels, 0.011)
 
 
 def test_predictions_that_nobody_has_accepted_are_no_labels(simulated, tmp_path):
@@ -210,3 +210,15 @@ def test_labels_of_another_clip_are_said_to_be_none(simulated, tmp_path):
     path.write_text(path.read_text().replace(' frame="', ' frame="99'))
     with pytest.raises(ValueError, match="expected labels in frames 0 to 149"):
         import_labels(path, folder, form="cvat")
+
+
+def test_a_misspelt_label_is_told_of(simulated, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert run(["export", "cvat", str(simulated), "--out", str(out)]) == 0
+    path = next(out.glob("*.xml"))
+    path.write_text(path.read_text().replace('label="player0"', 'label="playerX"'))
+    assert run(["import", "cvat", str(path), "--work", str(simulated)]) == 3
+    assert (
+        "expected one of court, player0, player1, ball, ui, got 'playerX (box)': 150 left out"
+        in capsys.readouterr().err
+    )
