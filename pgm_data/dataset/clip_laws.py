@@ -6,7 +6,7 @@ import numpy as np
 
 from pgm_data.dataset.documents import Fault
 from pgm_data.dataset.laws import FASTEST_M_S, Columns, as_text, rows_fault
-from pgm_data.dataset.player_laws import DEVIATIONS
+from pgm_data.dataset.play_laws import DEVIATIONS
 from pgm_data.scene import Scene
 
 SAME_S = 1e-6

@@ -25,6 +25,8 @@ FASTEST_SPIN = 2000.0
 """rad/s; no ball of a racket sport turns faster."""
 FARTHEST_M = 100.0
 """No ball in play is farther from the world's origin, metres."""
+DEVIATIONS = 4.0
+"""Standard deviations that a law leaves to an estimate."""
 BELOW_GROUND_M = 0.02
 """How far an uncertain ball's centre may lie below the ground."""
 
@@ -41,7 +43,7 @@ def ball_faults(columns: Columns, context: Context) -> Iterator[Fault]:
         yield from rows_fault("ball.position", away > FARTHEST_M, f"within {FARTHEST_M:g} m of the origin", away)
     yield from covariance_faults(columns, "ball.position_cov")
     yield from share_faults(columns, ("ball.score",))
-    yield from _ground_faults(columns, "ball.position", context)
+    yield from _ground_faults(columns, "ball.position", context, "ball.position_cov")
     if "ball.velocity" in columns:
         speed = np.linalg.norm(columns["ball.velocity"], axis=1)
         yield from rows_fault("ball.velocity", speed > FASTEST_M_S, f"at most {FASTEST_M_S:g} m/s", speed)
@@ -131,14 +133,16 @@ def _orphan_faults(columns: Columns) -> Iterator[Fault]:
     yield from rows_fault("alternative", again, "each alternative of a player's span once", rows)
 
 
-def _ground_faults(columns: Columns, name: str, context: Context) -> Iterator[Fault]:
-    """Balls below the ground that the scene's players may stand on."""
+def _ground_faults(columns: Columns, name: str, context: Context, cov: str = "") -> Iterator[Fault]:
+    """Balls below the ground that the scene's players may stand on, by more than their own uncertainty allows."""
     scene = context.scene
     floors = [player.region_m[0][2] for player in scene.players if player.region_m] if scene is not None else []
     if name in columns and floors:
         height = columns[name][:, 2]
         lowest = min(floors) - BELOW_GROUND_M
-        yield from rows_fault(name, height < lowest, f"a height of at least {lowest:g} m", height)
+        slack = DEVIATIONS * np.sqrt(np.maximum(np.nan_to_num(columns[cov][:, 5]), 0.0)) if cov in columns else 0.0
+        expected = f"a height of at least {lowest:g} m" + (f", but for {DEVIATIONS:g} deviations" if cov else "")
+        yield from rows_fault(name, height < lowest - slack, expected, height)
 
 
 def _frame_faults(columns: Columns, name: str, context: Context, last: int) -> Iterator[Fault]:

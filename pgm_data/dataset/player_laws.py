@@ -15,6 +15,7 @@ from pgm_data.dataset.laws import (
     there_faults,
     torn_faults,
 )
+from pgm_data.dataset.play_laws import DEVIATIONS
 from pgm_data.scene import SceneObject
 from pgm_data.skeleton import world_joints
 
@@ -26,8 +27,6 @@ BELOW_GROUND_M = 0.10
 """How far a joint of an estimated body may lie below the ground, beside what its own uncertainty allows."""
 OUTSIDE_M = 5.0
 """How far a player may leave the region that the scene gives to the object."""
-DEVIATIONS = 4.0
-"""Standard deviations that a law leaves to an estimate."""
 BONE_M, BONE_SHARE = 0.02, 0.1
 """Metres, and the share of its length, by which a bone may differ from its usual length in the clip."""
 

@@ -16,6 +16,10 @@ BELOW_M = 1.0
 """Depth under the floor that an uncertain place may have."""
 
 
+UNDER_M, DEVIATIONS = 0.02, 4.0
+"""A single place may lie this far under the floor, and so many of its standard deviations."""
+
+
 def without_absurd(solution: BallSolution, times: Float[np.ndarray, " frames"], world: BallWorld) -> BallSolution:
     """The solution without its flights that are too fast, too far off or under the floor.
 
@@ -31,7 +35,7 @@ def without_absurd(solution: BallSolution, times: Float[np.ndarray, " frames"], 
     words = [_why_absurd(solution, flight, before_end[flight], world) for flight in range(len(flights))]
     bad = np.array([bool(word) for word in words], dtype=bool)
     if not bad.any():
-        return solution
+        return without_buried(solution, world)
     lost = np.atleast_1d(inside[bad].any(axis=0) & ~inside[~bad].any(axis=0))
     ends = np.stack([flights.start_event, flights.end_event])
     gone = np.setdiff1d(ends[:, bad], ends[:, ~bad])
@@ -44,7 +48,7 @@ def without_absurd(solution: BallSolution, times: Float[np.ndarray, " frames"], 
 
     names = ("start_velocity", "start_velocity_cov", "spin", "spin_std", "landing", "landing_cov")
     numbers = {name: blank(getattr(flights, name), bad) for name in (*names, "drag_per_m", "drag_std_per_m")}
-    return replace(
+    kept = replace(
         solution,
         position=blank(solution.position, lost),
         velocity=blank(solution.velocity, lost),
@@ -60,6 +64,29 @@ def without_absurd(solution: BallSolution, times: Float[np.ndarray, " frames"], 
             status=tuple("none" if word else status for word, status in zip(words, flights.status, strict=True)),
             said=tuple(word or said for word, said in zip(words, flights.said, strict=True)),
         ),
+    )
+    return without_buried(kept, world)
+
+
+def without_buried(solution: BallSolution, world: BallWorld) -> BallSolution:
+    """The solution without places under the floor that their uncertainty does not excuse.
+
+    Such a frame comes back as `none`; an event keeps its time and loses its place.
+    """
+    floor = world.floor_z - UNDER_M
+    std = np.sqrt(np.maximum(np.nan_to_num(solution.position_cov[:, 2, 2]), 0.0))
+    lost = np.asarray(solution.position[:, 2] < floor - DEVIATIONS * std)
+    out = np.asarray(solution.event_position[:, 2] < floor)
+    if not lost.any() and not out.any():
+        return solution
+    return replace(
+        solution,
+        position=np.where(lost[:, None], np.nan, solution.position),
+        velocity=np.where(lost[:, None], np.nan, solution.velocity),
+        position_cov=np.where(lost[:, None, None], np.nan, solution.position_cov),
+        status=np.where(lost, "none", solution.status).astype(object),
+        event_position=np.where(out[:, None], np.nan, solution.event_position),
+        event_cov=np.where(out[:, None, None], np.nan, solution.event_cov),
     )
 
 

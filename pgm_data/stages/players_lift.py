@@ -12,6 +12,7 @@ from pgm_data.people import PlayerBoxes, PlayerPoses
 from pgm_data.scene import Scene
 from pgm_data.skeleton import Skeleton
 from pgm_data.stages.players_options import Quality
+from pgm_data.stages.players_withheld import without_buried
 
 
 def placed_players(
@@ -41,16 +42,15 @@ def placed_players(
             boxes_px=boxes.boxes_px[:, number],
             ground_world=boxes.ground_world[:, number],
         )
-        motions.append(
-            register_player(
-                player.name,
-                view,
-                skeleton=player.skeleton,
-                height_m=scene.person_height_m,
-                doubt=doubt,
-                options=register_options(quality),
-            )
+        motion = register_player(
+            player.name,
+            view,
+            skeleton=player.skeleton,
+            height_m=scene.person_height_m,
+            doubt=doubt,
+            options=register_options(quality),
         )
+        motions.append(without_buried(motion, player.region_m[0][2]) if player.region_m else motion)
     return tuple(motions)
 
 

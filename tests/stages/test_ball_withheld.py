@@ -94,3 +94,15 @@ def test_flights_that_were_not_placed_stay_as_they_are():
     solution = without_absurd(two_flights(np.array([0.0, 95.0, 1.0])), TIMES, WORLD)
     again = without_absurd(replace(solution), TIMES, WORLD)
     assert again.flights.said == solution.flights.said
+
+
+def test_a_place_under_the_floor_is_withheld_unless_it_is_as_uncertain():
+    solution = two_flights(np.array([0.0, 15.0, 1.0]))
+    position, cov, events = solution.position.copy(), solution.position_cov.copy(), solution.event_position.copy()
+    position[[3, 4], 2] = -0.5
+    cov[3] = 1e-4 * np.eye(3)
+    events[0, 2] = -0.5
+    kept = without_absurd(replace(solution, position=position, position_cov=cov, event_position=events), TIMES, WORLD)
+    assert kept.status[3] == "none" and kept.status[4] == "measured"
+    assert np.isnan(kept.position[3]).all() and np.isfinite(kept.position[4]).all()
+    assert np.isnan(kept.event_position[0]).all() and np.isfinite(kept.event_position[1:]).all()
