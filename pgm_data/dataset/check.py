@@ -15,7 +15,7 @@ from pgm_data.dataset.clip_ball import BALL_TABLES
 from pgm_data.dataset.clip_check import CheckedClip, check_clip, shipped_scene
 from pgm_data.dataset.clip_laws import ball_event_faults, flight_event_faults
 from pgm_data.dataset.columns import TABLES, table_names
-from pgm_data.dataset.dataset_check import check_dataset, is_dataset, twin_faults
+from pgm_data.dataset.dataset_check import check_dataset, is_dataset
 from pgm_data.dataset.document_schemas import document_kinds
 from pgm_data.dataset.documents import YAML_SUFFIXES, Fault, parse_document
 from pgm_data.dataset.findings import Checked, Findings, Violation
@@ -175,7 +175,6 @@ def _check_work(work: Path, findings: Findings) -> None:
             findings.document(work / name, "run")
     folders = sorted(p for p in work.iterdir() if p.is_dir() and p.name != STATE_FOLDER and _is_clip(p))
     clips = {folder.name: _check_clip(folder, findings) for folder in folders}
-    findings.add(work, twin_faults(_named(clips)))
     path = work / "shots.parquet"
     if findings.expect(path):
         findings.files.append(path)
@@ -185,14 +184,6 @@ def _check_work(work: Path, findings: Findings) -> None:
     for name in TABLES:
         if name != "shots" and (work / f"{name}.parquet").exists():
             findings.say(work / f"{name}.parquet", "", "no such file here: it belongs into a clip's folder", name)
-
-
-def _named(clips: dict[str, CheckedClip]) -> dict[str, list]:
-    """What tells the pictures of the clips, as a dataset's table of episodes has it."""
-    known = [clip.document for clip in clips.values() if clip.document is not None]
-    names = {"clip_id": "clip_id", "sha256": "sha256", "source_path": "source_path", "length": "n_frames"}
-    names["first_video_frame"] = "first_video_frame"
-    return {column: [document[name] for document in known] for column, name in names.items()}
 
 
 def _check_clip(folder: Path, findings: Findings) -> CheckedClip:

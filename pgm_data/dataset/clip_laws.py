@@ -11,6 +11,8 @@ from pgm_data.scene import Scene
 
 SAME_S = 1e-6
 """Seconds by which a flight's start and the event that starts it may differ."""
+NET_STEP_S = 0.1
+"""Longest time between the frames before and after the net in which a ball is taken to fly straight."""
 THROUGH_NET_M = 0.25
 """How far below the net's top a ball may seem to pass, beside its own uncertainty, metres."""
 NET_EVENT_S = 0.1
@@ -107,7 +109,8 @@ def net_faults(ball: Columns, events: Columns, camera: Columns, scene: Scene | N
     if len(position) != len(time) or len(time) < 2:
         return
     before, after = position[:-1], position[1:]
-    crossing = before[:, 1] * after[:, 1] < 0
+    # Over longer, a straight line says nothing about a flight.
+    crossing = (before[:, 1] * after[:, 1] < 0) & (np.diff(time) <= NET_STEP_S)
     if not crossing.any():
         return
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -254,7 +254,9 @@ def _rows(
         job, outcome = ended.get(task.clip_id, (None, None))
         if outcome is not None and outcome.result is not None:
             found = next(entry for entry in outcome.result["clips"] if entry["clip_id"] == task.clip_id)
-            own, seconds = stage.outcome(**found), outcome.seconds
+            # JSON knows no tuples.
+            values = {name: tuple(value) if isinstance(value, list) else value for name, value in found.items()}
+            own, seconds = stage.outcome(**values), outcome.seconds
         else:
             why = task.trouble or (outcome.reason if outcome is not None else "the run ended before it")
             own, seconds = stage.outcome(clip_id=task.clip_id, state="failed", reason=why), None
