@@ -1,9 +1,11 @@
 """What the trades that run jobs share: their progress, and what is told of them at the end."""
 
+import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
+from .clip_command import ONE_THREAD
 from .console import Progress, print_error
 from .output import OutputFolder, prepare_output
 
@@ -98,6 +100,8 @@ def carried_out(stage: str, options: TradeCommand, run: "Callable[[OutputFolder,
     from pgm_data.dataset.documents import write_document
     from pgm_data.provenance import run_document
 
+    for name in ONE_THREAD:
+        os.environ.setdefault(name, "1")
     started = datetime.now(UTC)
     with prepare_output(options.out, resume=options.resume, overwrite=options.overwrite) as folder:
         progress = JobProgress()
