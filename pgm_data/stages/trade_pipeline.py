@@ -15,7 +15,7 @@ from pgm_data.stages.trade_ball import ended_jobs, rows_of
 from pgm_data.stages.trade_ball_tables import cm, markdown
 from pgm_data.stages.trade_pipeline_clips import STAGES, pipeline_jobs
 from pgm_data.stages.trade_plot import Dot, Panel, plot_svg
-from pgm_data.stages.trade_summary import dominance_lines, number, percent
+from pgm_data.stages.trade_summary import number, percent
 
 TIMEOUT_S = 7200.0
 """Of one job."""
@@ -100,7 +100,7 @@ def write_figures(out: Path, rows: Sequence[dict]) -> str:
     told: dict[str, Sequence[float]] = {ERRORS[key]: values for key, values in errors.items()}
     parts = ["# The whole pipeline: what a preset costs downstream", markdown(head, lines)]
     budget = [_within(names, times, what, values) for what, values in told.items()]
-    parts.append("\n".join(f"- {line}" for line in [*budget, *dominance_lines(names, times, told)] if line))
+    parts.append("\n".join(f"- {line}" for line in budget if line))
     panels = [
         Panel(
             title=f"error of the {what}",
