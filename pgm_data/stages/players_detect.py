@@ -29,6 +29,8 @@ POSE_LOOKS: dict[Quality, int] = {"draft": 1, "standard": 1, "best": 2}
 """1: each person as it is; 2: mirrored too, and the two averaged."""
 
 
+CONFIRMED_S = 0.5
+"""A box whose body no network saw for longer than this before and after is nobody's."""
 JUMP_M = 2.5
 FASTEST_M_S = 10.0
 """A player who moves by more than `JUMP_M` and what this speed gives has not run there."""
@@ -139,6 +141,8 @@ def found_players(
         )
     else:
         poses, said = no_poses(boxes), why_no_model
+    if imported is None and poses.point_names:
+        boxes = confirmed(boxes, poses, clip.capture_time)
     if SKELETONS_OPTION in files:
         from pgm_data.stages.players_shapes import with_shapes
 
@@ -171,6 +175,24 @@ def foreign(options: PlayersOptions, pictures: ClipPictures) -> "PeopleOptions":
     width, height = pictures.size
     first = None if options.first_number < 0 else options.first_number
     return PeopleOptions(width=width, height=height, first_number=first)
+
+
+def confirmed(boxes: PlayerBoxes, poses: PlayerPoses, times: Float[np.ndarray, " frames"]) -> PlayerBoxes:
+    """The boxes without those in which the network of body points saw nobody, nor soon before or after."""
+    there = np.asarray(boxes.status != "none", dtype=bool)
+    found = poses.found.any(axis=-1)
+    for player in range(len(boxes.names)):
+        seen = times[found[:, player]]
+        apart = np.abs(times[:, None] - seen[None]).min(axis=1, initial=np.inf)
+        there[:, player] &= apart <= CONFIRMED_S
+    blank = np.where(there, 0.0, np.nan)[..., None]
+    return PlayerBoxes(
+        names=boxes.names,
+        boxes_px=boxes.boxes_px + blank,
+        score=boxes.score + blank[..., 0],
+        ground_world=boxes.ground_world + blank,
+        status=np.where(there, boxes.status, "none").astype(object),
+    )
 
 
 def cuts(boxes: PlayerBoxes, times: Float[np.ndarray, " frames"]) -> Bool[np.ndarray, " frames"]:

@@ -52,7 +52,9 @@ def test_a_folder_with_something_in_it_is_refused_and_left_alone(tmp_path: Path)
 
 def test_the_refusal_of_an_earlier_run_names_both_ways_on(tmp_path: Path) -> None:
     earlier_run(tmp_path)
-    with pytest.raises(UsageError, match="got .* with clip, run.json in it; --resume goes on .* --overwrite begins"):
+    with pytest.raises(
+        UsageError, match="got .* with clip, run.json in it; --overwrite begins again, --resume, .* goes on"
+    ):
         prepare_output(tmp_path, resume=False, overwrite=False)
 
 

@@ -15,7 +15,7 @@ from pgm_data.scene import load_scene
 from pgm_data.simulate.clip_options import ClipOptions
 from pgm_data.simulate.folders import MatchFiles, write_match
 from pgm_data.skeleton import world_joints
-from pgm_data.stages.players_detect import cuts, no_poses
+from pgm_data.stages.players_detect import confirmed, cuts, no_poses
 from pgm_data.stages.players_lift import clip_players, placed_players
 from pgm_data.stages.players_report import players_cells, players_section
 from pgm_data.stages.trade_players_clips import noisy, overlaps
@@ -123,3 +123,15 @@ def test_runs_and_overlaps():
     a = np.array([[0.0, 0, 2, 2], [0, 0, 1, 1], [0, 0, 1, 1]])
     b = np.array([[1.0, 0, 3, 2], [np.nan] * 4, [5, 5, 6, 6]])
     np.testing.assert_allclose(overlaps(a, b), [1 / 3, 0, 0])
+
+
+def test_boxes_in_which_no_network_sees_a_body_are_nobodys(solved):
+    clip, truth, boxes, _ = solved
+    _, poses = noisy(truth, TENNIS, np.random.default_rng(0), 2.0)
+    points, sigma = poses.points_px.copy(), poses.sigma_px.copy()
+    points[20:, 0], sigma[20:, 0] = np.nan, np.nan
+    points[30:33, 1], sigma[30:33, 1] = np.nan, np.nan
+    kept = confirmed(boxes, replace(poses, points_px=points, sigma_px=sigma), clip.capture_time)
+    late = clip.capture_time > clip.capture_time[19] + 0.51
+    assert (kept.status[late, 0] == "none").all() and np.isnan(kept.boxes_px[late, 0]).all()
+    assert (kept.status[~late, 0] == "measured").all() and (kept.status[:, 1] == "measured").all()
