@@ -180,7 +180,7 @@ def foreign(options: PlayersOptions, pictures: ClipPictures) -> "PeopleOptions":
 def confirmed(boxes: PlayerBoxes, poses: PlayerPoses, times: Float[np.ndarray, " frames"]) -> PlayerBoxes:
     """The boxes without those in which the network of body points saw nobody, nor soon before or after."""
     there = np.asarray(boxes.status != "none", dtype=bool)
-    found = poses.found.any(axis=-1)
+    found = np.asarray(poses.found.any(axis=-1))
     for player in range(len(boxes.names)):
         seen = times[found[:, player]]
         apart = np.abs(times[:, None] - seen[None]).min(axis=1, initial=np.inf)
