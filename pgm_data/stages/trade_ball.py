@@ -5,10 +5,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from pgm_data.dataset.files import whole_file
 from pgm_data.scene import load_scene
-from pgm_data.stages.jobs import Job, JobEvent, JobLog, JobOutcome
-from pgm_data.stages.supervise import run_jobs
+from pgm_data.stages.jobs import Job, JobEvent
 from pgm_data.stages.trade_ball_cases import CaseOptions
 from pgm_data.stages.trade_ball_clips import clip_jobs, clips_figures, clips_table
 from pgm_data.stages.trade_ball_real import RealData, real_document, real_jobs, real_panels, real_tables
@@ -17,6 +15,7 @@ from pgm_data.stages.trade_ball_solve import FOUND, GIVEN
 from pgm_data.stages.trade_ball_summary import BASE, groups_of
 from pgm_data.stages.trade_ball_tables import drawn_panels, drawn_tables
 from pgm_data.stages.trade_plot import plot_svg
+from pgm_data.stages.trade_run import TradeManner, TradeRun, run_parts, write_text
 from pgm_data.stages.trade_summary import dominance_lines, summary_document
 
 SOLVE = "pgm_data.stages.trade_ball_solve:solve_cases"
@@ -77,21 +76,9 @@ class BallTradeOptions:
         return tuple(name for name in self.sweep_solvers if name in self.solvers)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class BallTradeOutcome:
-    """What was found."""
-
-    table: str
-    """All tables in Markdown."""
-    failed: tuple[JobOutcome, ...]
-    """Jobs that came to nothing."""
-    scored: int
-    """Rows of figures."""
-
-
 def run_ball_trade(
     options: BallTradeOptions, *, on_event: Callable[[JobEvent], None], on_jobs: Callable[[int], None]
-) -> BallTradeOutcome:
+) -> TradeRun:
     """Run every solver; writes `trade.md`, `trade.svg`, `trade.json` and `rows.jsonl`, anew after each part of the run
     and when it is interrupted.
 
@@ -113,38 +100,15 @@ def run_ball_trade(
         parts.append(real_jobs(options.real, options.solvers))
     if options.sweeps:
         parts.append(sweep_jobs(options))
-    outcomes: list[JobOutcome] = []
-    table = ""
-    for jobs in parts:
-        if not jobs:
-            continue
-        on_jobs(len(jobs))
-        try:
-            outcomes += run_jobs(
-                jobs,
-                state_dir=options.state_dir,
-                workers=options.workers,
-                resume=options.resume,
-                timeout_s=TIMEOUT_S,
-                on_event=on_event,
-            )
-        except KeyboardInterrupt:
-            outcomes += ended_jobs(jobs, JobLog(options.state_dir / "jobs.jsonl"))
-            write_figures(options.out, rows_of(outcomes), options.solvers)
-            raise
-        table = write_figures(options.out, rows_of(outcomes), options.solvers)
-    return BallTradeOutcome(
-        table=table,
-        failed=tuple(outcome for outcome in outcomes if outcome.state == "failed"),
-        scored=len(rows_of(outcomes)),
+    return run_parts(
+        parts,
+        manner=TradeManner(
+            state_dir=options.state_dir, workers=options.workers, resume=options.resume, timeout_s=TIMEOUT_S
+        ),
+        write=lambda rows: write_figures(options.out, rows, options.solvers),
+        on_event=on_event,
+        on_jobs=on_jobs,
     )
-
-
-def ended_jobs(jobs: Sequence[Job], log: JobLog) -> list[JobOutcome]:
-    """What came of those of the jobs that have ended."""
-    logged = log.outcomes()
-    found = [(job, *logged[job.name]) for job in jobs if job.name in logged]
-    return [outcome for job, digest, outcome in found if digest == job.digest()]
 
 
 def drawing_jobs(options: BallTradeOptions) -> list[Job]:
@@ -205,11 +169,6 @@ def _job(
     )
 
 
-def rows_of(outcomes: Sequence[JobOutcome]) -> list[dict]:
-    """The rows of all jobs that came to something."""
-    return [row for outcome in outcomes if outcome.result is not None for row in outcome.result["rows"]]
-
-
 def write_figures(out: Path, rows: Sequence[dict], solvers: Sequence[str]) -> str:
     """Write the figures of those rows into a folder; all tables in Markdown."""
     groups = groups_of(rows)
@@ -233,13 +192,8 @@ def write_figures(out: Path, rows: Sequence[dict], solvers: Sequence[str]) -> st
         "conclusions": conclusions,
     } | real_document(rows)
     table = "\n\n".join(parts)
-    _write(out / "rows.jsonl", "".join(json.dumps(row, allow_nan=False) + "\n" for row in rows))
-    _write(out / "trade.json", json.dumps(document, indent=1, allow_nan=False) + "\n")
-    _write(out / "trade.md", table + "\n")
-    _write(out / "trade.svg", plot_svg([*drawn_panels(groups, solvers), *real_panels(rows)]))
+    write_text(out / "rows.jsonl", "".join(json.dumps(row, allow_nan=False) + "\n" for row in rows))
+    write_text(out / "trade.json", json.dumps(document, indent=1, allow_nan=False) + "\n")
+    write_text(out / "trade.md", table + "\n")
+    write_text(out / "trade.svg", plot_svg([*drawn_panels(groups, solvers), *real_panels(rows)]))
     return table
-
-
-def _write(path: Path, text: str) -> None:
-    with whole_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")

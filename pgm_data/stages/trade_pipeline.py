@@ -7,14 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from pgm_data.dataset.files import whole_file
-from pgm_data.stages.jobs import JobEvent, JobLog, JobOutcome
+from pgm_data.stages.jobs import JobEvent
 from pgm_data.stages.players_options import Quality
-from pgm_data.stages.supervise import run_jobs
-from pgm_data.stages.trade_ball import ended_jobs, rows_of
 from pgm_data.stages.trade_ball_tables import cm, markdown
 from pgm_data.stages.trade_pipeline_clips import STAGES, pipeline_jobs
 from pgm_data.stages.trade_plot import Dot, Panel, plot_svg
+from pgm_data.stages.trade_run import TradeManner, TradeRun, run_parts, write_text
 from pgm_data.stages.trade_summary import number, percent
 
 TIMEOUT_S = 7200.0
@@ -36,44 +34,23 @@ class PipelineTradeOptions:
     resume: bool = False
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class PipelineTradeOutcome:
-    """What was found."""
-
-    table: str
-    failed: tuple[JobOutcome, ...]
-    """Jobs that came to nothing."""
-    scored: int
-    """Rows of figures."""
-
-
 def run_pipeline_trade(
     options: PipelineTradeOptions, *, on_event: Callable[[JobEvent], None], on_jobs: Callable[[int], None]
-) -> PipelineTradeOutcome:
+) -> TradeRun:
     """Run every variant of presets on every video; writes `trade.md`, `trade.svg`, `trade.json` and `rows.jsonl`.
 
     Raises:
         ValueError: If the folder holds no video with its truth.
     """
     jobs = pipeline_jobs(options.data, options.qualities, scratch=options.state_dir / "scratch")
-    on_jobs(len(jobs))
-    try:
-        outcomes = run_jobs(
-            jobs,
-            state_dir=options.state_dir,
-            workers=options.workers,
-            resume=options.resume,
-            timeout_s=TIMEOUT_S,
-            on_event=on_event,
-        )
-    except KeyboardInterrupt:
-        write_figures(options.out, rows_of(ended_jobs(jobs, JobLog(options.state_dir / "jobs.jsonl"))))
-        raise
-    rows = rows_of(list(outcomes))
-    return PipelineTradeOutcome(
-        table=write_figures(options.out, rows),
-        failed=tuple(outcome for outcome in outcomes if outcome.state == "failed"),
-        scored=len(rows),
+    return run_parts(
+        [jobs],
+        manner=TradeManner(
+            state_dir=options.state_dir, workers=options.workers, resume=options.resume, timeout_s=TIMEOUT_S
+        ),
+        write=lambda rows: write_figures(options.out, rows),
+        on_event=on_event,
+        on_jobs=on_jobs,
     )
 
 
@@ -112,10 +89,10 @@ def write_figures(out: Path, rows: Sequence[dict]) -> str:
         if what != "camera"
     ]
     table = "\n\n".join(part for part in parts if part)
-    _write(out / "rows.jsonl", "".join(json.dumps(row, allow_nan=False) + "\n" for row in rows))
-    _write(out / "trade.json", json.dumps({"table": table, "rows": len(rows)}, indent=1) + "\n")
-    _write(out / "trade.md", table + "\n")
-    _write(out / "trade.svg", plot_svg(panels))
+    write_text(out / "rows.jsonl", "".join(json.dumps(row, allow_nan=False) + "\n" for row in rows))
+    write_text(out / "trade.json", json.dumps({"table": table, "rows": len(rows)}, indent=1) + "\n")
+    write_text(out / "trade.md", table + "\n")
+    write_text(out / "trade.svg", plot_svg(panels))
     return table
 
 
@@ -139,8 +116,3 @@ def _middle(rows: Sequence[dict], name: str) -> float:
     """Median over videos; one without a figure counts as infinitely wrong."""
     values = sorted(np.inf if row[name] is None else row[name] for row in rows)
     return float(values[(len(values) - 1) // 2]) if values else float("nan")
-
-
-def _write(path: Path, text: str) -> None:
-    with whole_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")

@@ -7,13 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from pgm_data.dataset.files import whole_file
-from pgm_data.stages.jobs import JobEvent, JobLog, JobOutcome
-from pgm_data.stages.supervise import run_jobs
-from pgm_data.stages.trade_ball import ended_jobs, rows_of
+from pgm_data.stages.jobs import JobEvent
 from pgm_data.stages.trade_ball_tables import cm, markdown
 from pgm_data.stages.trade_players_clips import drawn_jobs, real_jobs, video_jobs
 from pgm_data.stages.trade_plot import Dot, Panel, plot_svg
+from pgm_data.stages.trade_run import TradeManner, TradeRun, run_parts, write_text
 from pgm_data.stages.trade_summary import dominance_lines, number, percent
 
 TIMEOUT_S = 3600.0
@@ -44,21 +42,9 @@ class PlayersTradeOptions:
     resume: bool = False
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class PlayersTradeOutcome:
-    """What was found."""
-
-    table: str
-    """All tables in Markdown."""
-    failed: tuple[JobOutcome, ...]
-    """Jobs that came to nothing."""
-    scored: int
-    """Rows of figures."""
-
-
 def run_players_trade(
     options: PlayersTradeOptions, *, on_event: Callable[[JobEvent], None], on_jobs: Callable[[int], None]
-) -> PlayersTradeOutcome:
+) -> TradeRun:
     """Run every preset; writes `trade.md`, `trade.svg`, `trade.json` and `rows.jsonl`, anew after each part of the run.
 
     Args:
@@ -83,30 +69,14 @@ def run_players_trade(
         parts.append(video_jobs(options.data, options.qualities))
     if options.real is not None:
         parts.append(real_jobs(options.real, options.qualities))
-    outcomes: list[JobOutcome] = []
-    table = ""
-    for jobs in parts:
-        if not jobs:
-            continue
-        on_jobs(len(jobs))
-        try:
-            outcomes += run_jobs(
-                jobs,
-                state_dir=options.state_dir,
-                workers=options.workers,
-                resume=options.resume,
-                timeout_s=TIMEOUT_S,
-                on_event=on_event,
-            )
-        except KeyboardInterrupt:
-            outcomes += ended_jobs(jobs, JobLog(options.state_dir / "jobs.jsonl"))
-            write_figures(options.out, rows_of(outcomes), options.qualities)
-            raise
-        table = write_figures(options.out, rows_of(outcomes), options.qualities)
-    return PlayersTradeOutcome(
-        table=table,
-        failed=tuple(outcome for outcome in outcomes if outcome.state == "failed"),
-        scored=len(rows_of(outcomes)),
+    return run_parts(
+        parts,
+        manner=TradeManner(
+            state_dir=options.state_dir, workers=options.workers, resume=options.resume, timeout_s=TIMEOUT_S
+        ),
+        write=lambda rows: write_figures(options.out, rows, options.qualities),
+        on_event=on_event,
+        on_jobs=on_jobs,
     )
 
 
@@ -143,10 +113,10 @@ def write_figures(out: Path, rows: Sequence[dict], qualities: Sequence[str]) -> 
         parts.append("\n".join(f"- {line}" for line in conclusions))
     table = "\n\n".join(parts)
     document = {"rows": len(rows), "conclusions": conclusions}
-    _write(out / "rows.jsonl", "".join(json.dumps(row, allow_nan=False) + "\n" for row in rows))
-    _write(out / "trade.json", json.dumps(document | {"table": table}, indent=1, allow_nan=False) + "\n")
-    _write(out / "trade.md", table + "\n")
-    _write(out / "trade.svg", plot_svg(panels))
+    write_text(out / "rows.jsonl", "".join(json.dumps(row, allow_nan=False) + "\n" for row in rows))
+    write_text(out / "trade.json", json.dumps(document | {"table": table}, indent=1, allow_nan=False) + "\n")
+    write_text(out / "trade.md", table + "\n")
+    write_text(out / "trade.svg", plot_svg(panels))
     return table
 
 
@@ -235,8 +205,3 @@ def _mean(values: Sequence[float]) -> float:
 
 def _or_nan(value: float | None) -> float:
     return float("nan") if value is None else value
-
-
-def _write(path: Path, text: str) -> None:
-    with whole_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")

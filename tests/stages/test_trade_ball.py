@@ -10,7 +10,7 @@ from pgm_cli.main import run
 from pgm_data.lift.ball.solution import BallSolution, Flights
 from pgm_data.lift.ball.world import ball_world
 from pgm_data.scene import Prior, load_scene
-from pgm_data.stages.trade_ball import rows_of, sweep_settings, write_figures
+from pgm_data.stages.trade_ball import sweep_settings, write_figures
 from pgm_data.stages.trade_ball_cases import BallCase, CaseOptions, draw_case
 from pgm_data.stages.trade_ball_clips import clips_figures, clips_table, pixel_figures
 from pgm_data.stages.trade_ball_rally import law_figures, net_clearance
@@ -27,6 +27,7 @@ from pgm_data.stages.trade_ball_score import (
 )
 from pgm_data.stages.trade_ball_summary import ALL, groups_of, lower_median, lower_quantile, pick
 from pgm_data.stages.trade_ball_tracks import labelled_track, mean_error, view_camera
+from pgm_data.stages.trade_run import rows_of
 
 TENNIS = load_scene("tennis")
 
