@@ -1,6 +1,5 @@
 """A work folder made of recorded motion: skeletons in the world, without pictures and without cameras."""
 
-import hashlib
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -15,6 +14,7 @@ from pgm_data.convert.work_pictures import plain_names
 from pgm_data.dataset.clip_camera import ClipCamera, write_clip_camera
 from pgm_data.dataset.clip_players import ClipPlayers, PlayerTrack, write_clip_players
 from pgm_data.dataset.documents import write_document
+from pgm_data.dataset.files import sha256_of
 from pgm_data.dataset.tables import write_table
 from pgm_data.geometry.arrays import frozen
 from pgm_data.geometry.camera import Camera
@@ -267,8 +267,7 @@ def _no_cameras(clip_id: str, times: Float[np.ndarray, " frames"]) -> ClipCamera
 
 
 def _document(out: Path, clip_id: str, motion: Motion, scene: Scene) -> dict:
-    with motion.path.open("rb") as file:
-        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    digest = sha256_of(motion.path)
     step = 1 / Fraction(motion.frames_per_second).limit_denominator(100_000)
     return {
         "clip_id": clip_id,

@@ -1,12 +1,12 @@
 """SHA-256 of every file of a dataset, written so that `sha256sum --check meta/sha256sums.txt` reads it too."""
 
-import hashlib
 import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
 
 from pgm_data.dataset.dataset_columns import SUMS_PATH
+from pgm_data.dataset.files import sha256_of
 from pgm_data.dataset.findings import Findings
 
 CARD = "README.md"
@@ -19,7 +19,7 @@ STATE_FOLDER = ".pgm"
 
 def write_sums(folder: Path) -> None:
     """Write the checksums of the dataset's files into its `meta`."""
-    lines = [f"{_sha256(folder / name)}  {name}\n" for name in summed_files(folder)]
+    lines = [f"{sha256_of(folder / name)}  {name}\n" for name in summed_files(folder)]
     (folder / SUMS_PATH).write_text("".join(lines), encoding="utf-8")
 
 
@@ -38,11 +38,6 @@ def _files(folder: Path, place: str) -> Iterator[str]:
                 yield from _files(folder / entry.name, f"{name}/")
             elif entry.is_file(follow_symlinks=False):
                 yield name
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def check_sums(folder: Path, findings: Findings) -> None:
@@ -67,7 +62,7 @@ def check_sums(folder: Path, findings: Findings) -> None:
     for name in found:
         if name not in wanted:
             findings.say(folder / name, "sha256", f"its checksum in {SUMS_PATH}", "none")
-        elif (digest := _sha256(folder / name)) != wanted[name]:
+        elif (digest := sha256_of(folder / name)) != wanted[name]:
             findings.say(folder / name, "sha256", f"{wanted[name]}, as {SUMS_PATH} says", digest)
     for name in sorted(set(wanted) - set(found)):
         findings.say(path, name, "the file, since it has a checksum", "nothing there")

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pgm_data.dataset.dataset_columns import FILE, FILES_PER_CHUNK, VIDEO_KEY
+from pgm_data.dataset.files import sha256_of
 from pgm_data.dataset.pack_plan import PackOptions, PlannedClip
 from pgm_data.dataset.source_video import VideoNotFound, find_source_video
 
@@ -98,8 +99,7 @@ class VideoShelf:
         elif self._options.videos == "copy":
             _refuse_other(document, _copied(source, target), source)
         elif self._encode is not None:
-            with source.open("rb") as file:
-                _refuse_other(document, hashlib.file_digest(file, "sha256").hexdigest(), source)
+            _refuse_other(document, sha256_of(source), source)
             self._encode(source, target, self._options)
 
 
