@@ -103,6 +103,8 @@ def restore_optimiser(network: nn.Module, optimiser: torch.optim.Optimizer, tens
         for key, value in tensors.items():
             if key.startswith(prefix):
                 like = torch.empty_like(parameter) if value.shape == parameter.shape else torch.empty_like(value)
+                if optimiser.defaults.get("fused"):
+                    like = like.to(parameter.device)
                 optimiser.state[parameter][key.removeprefix(prefix)] = like.copy_(value)
 
 
@@ -110,6 +112,6 @@ def provenance(command: list[str]) -> dict[str, object]:
     """What made a checkpoint: command, versions and kind of machine."""
     return {
         "command": command,
-        "versions": {name: version(name) for name in ("torch", "numpy", "opencv-contrib-python-headless")},
+        "versions": {name: version(name) for name in ("torch", "numpy")},
         "machine": f"{platform.system()} {platform.machine()}, {torch.get_num_threads()} threads",
     }

@@ -156,3 +156,9 @@ def test_a_file_that_is_no_checkpoint_is_refused(tmp_path):
     path.write_bytes(b"no tensors here")
     with pytest.raises(ValueError, match="expected a safetensors file written by pgm-train"):
         load_checkpoint(path)
+
+
+def test_batches_made_by_other_processes_give_the_same_losses(tmp_path):
+    go(tmp_path / "here", steps=6)
+    go(tmp_path / "there", steps=6, workers=1)
+    assert losses(tmp_path / "here") == losses(tmp_path / "there")
