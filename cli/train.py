@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 EXAMPLE = (
     "examples: pgm-train court simulated --out runs/court --minutes 60\n"
     "          pgm-train ball simulated --out runs/ball --minutes 45\n"
-    "          pgm-train people --out runs/people --minutes 25"
+    "          pgm-train people --out runs/people --minutes 25\n"
+    "          pgm-train animation dataset --out runs/animation --preset small"
 )
 
 
@@ -96,10 +97,62 @@ class PeopleTraining(RunChoices):
     """Highest learning rate."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class AnimationTraining:
+    """Train the model that makes play from words and wanted states; several processes through torchrun."""
+
+    dataset: tyro.conf.Positional[Path]
+    """Packed dataset, as `pgm pack` and `pgm simulate` write it."""
+    out: Path
+    """Folder of the run: checkpoint, log, loss curves, samples, model."""
+    preset: Literal["nano", "tiny", "small", "base", "paper"] = "small"
+    """Size, and how it is trained unless options here say otherwise."""
+    design: Literal["ours", "paper", "transformer", "lstm", "playable"] = "ours"
+    """Ours, the paper's diffusion, or a baseline that reconstructs."""
+    masks: str = "all"
+    """Group of masking strategies: all, or one of the paper's ablation."""
+    encoder: str = ""
+    """Frozen text encoder: hash, minilm (see `pgm weights text`), or t5:FOLDER; the preset's unless given."""
+    share: float = 1.0
+    """Of the dataset, above 0 and at most 1."""
+    rates: tuple[float, float] = (4.0, 25.0)
+    """Lowest and highest rate of training windows, frames a second."""
+    average: float = 0.999
+    """Share the moving average of the weights keeps in a step."""
+    steps: int = 0
+    """Optimiser steps; the preset's unless given."""
+    minutes: float = 0.0
+    """Minutes of training instead of steps; the learning rate follows the clock."""
+    batch: int = 0
+    """Windows a step; the preset's unless given."""
+    accumulate: int = 1
+    """Parts in which a step's windows are gone through, to save memory; at least the processes of torchrun."""
+    learning_rate: float = 0.0
+    """Highest learning rate; the preset's unless given."""
+    precision: Literal["float32", "bfloat16"] = "float32"
+    """Of the inner arithmetic; bfloat16 is faster on a GPU and slower on most CPUs."""
+    device: str = "auto"
+    """auto, cpu, cuda or cuda:N."""
+    workers: int = 0
+    """Processes that read windows; 0 for a thread beside the training."""
+    threads: int = 2
+    """CPU threads."""
+    seed: int = 0
+    """Of weights, order, masks and noise."""
+    cache: Path | None = None
+    """Folder for states and text features, to be shared by runs on one dataset; inside the run unless given."""
+    checkpoint_minutes: float = 4.0
+    """Minutes between checkpoints, each with held-out losses and pictures."""
+    resume: bool = False
+    """Go on with the run in `out`."""
+    overwrite: bool = False
+    """Delete the checkpoint and log in `out` first."""
+
+
 def main(argv: list[str]) -> int:
     """Run the command; its exit code."""
     options = tyro.extras.subcommand_cli_from_dict(
-        {"court": _court, "ball": _ball, "people": _people},
+        {"animation": _animation, "court": _court, "ball": _ball, "people": _people},
         args=argv,
         prog="pgm-train",
         description="Train a network on data with truth.\n\n" + EXAMPLE,
@@ -230,6 +283,44 @@ def _people(options: Annotated[PeopleTraining, tyro.conf.arg(name="")]) -> int:
     return 0
 
 
+def _animation(options: Annotated[AnimationTraining, tyro.conf.arg(name="")]) -> int:
+    """Train the model that makes play from words and wanted states; several processes through torchrun."""
+    if not (options.dataset / "meta" / "info.json").is_file():
+        raise option_error("DATASET", expected="a packed dataset, with meta/info.json", got=options.dataset)
+    for name, value in {"--steps": options.steps, "--minutes": options.minutes, "--batch": options.batch}.items():
+        if value < 0:
+            raise option_error(name, expected="0 or more", got=value)
+    if not 0 < options.share <= 1:
+        raise option_error("--share", expected="above 0 and at most 1", got=options.share)
+    if not 0 < options.rates[0] <= options.rates[1]:
+        raise option_error("--rates", expected="above 0, the lower one first", got=options.rates)
+    if options.accumulate < 1:
+        raise option_error("--accumulate", expected="1 or more", got=options.accumulate)
+    from dataclasses import asdict
+
+    from pgm_models.animation.masks import MASKS
+    from pgm_models.animation.model import MODEL_NAME
+    from pgm_models.animation.run import AnimationRunOptions, train_animation
+    from pgm_models.processes import leads
+
+    if leads():
+        _make_way(options.out, resume=options.resume, overwrite=options.overwrite)
+    if options.masks not in MASKS:
+        raise option_error("--masks", expected=f"one of {', '.join(MASKS)}", got=options.masks)
+    values = asdict(options)
+    values["run"] = values.pop("out")
+    for name in ("resume", "overwrite"):
+        values.pop(name)
+    outcome = train_animation(
+        AnimationRunOptions(**values), command=_command(), show=_show if leads() else lambda line: None
+    )
+    if outcome.state == "interrupted":
+        return _interrupted(outcome)
+    if leads():
+        print(f"wrote {options.out / MODEL_NAME}")
+    return 0
+
+
 def _minutes(options: RunChoices) -> float:
     return options.minutes if not options.steps else 0.0
 
@@ -269,9 +360,14 @@ def _check(options: RunChoices, datasets: tuple[Path, ...], batch: int, what: st
         if not begun:
             raise option_error("--export-only", expected=f"a checkpoint in {options.out}", got="none")
         return
-    if not options.resume and not options.overwrite:
-        if options.out.is_dir() and any(options.out.iterdir()):
-            raise UsageError(f"--out: expected an empty or new folder, or --resume or --overwrite, got {options.out}")
-    if options.overwrite:
-        for name in ("checkpoint.safetensors", "log.jsonl"):
-            (options.out / name).unlink(missing_ok=True)
+    _make_way(options.out, resume=options.resume, overwrite=options.overwrite)
+
+
+def _make_way(out: Path, *, resume: bool, overwrite: bool) -> None:
+    """Refuse a folder that holds something, unless a run in it is to go on; clear it where it is to be written over."""
+    if not resume and not overwrite:
+        if out.is_dir() and any(out.iterdir()):
+            raise UsageError(f"--out: expected an empty or new folder, or --resume or --overwrite, got {out}")
+    if overwrite:
+        for name in ("checkpoint.safetensors", "log.jsonl", "model.safetensors"):
+            (out / name).unlink(missing_ok=True)

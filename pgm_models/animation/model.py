@@ -1,0 +1,278 @@
+"""The animation model as one thing: layout, network, trained text aggregator, and the file it is kept in."""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from importlib.resources import as_file, files
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor, nn
+
+from pgm_data.dataset.files import whole_file
+from pgm_models.animation.aggregator import Aggregator
+from pgm_models.animation.layout import Layout, layout_from_json, layout_to_json
+from pgm_models.animation.network import Denoiser, NetworkShape
+from pgm_models.animation.noise import DiffusionOptions, to_x0
+from pgm_models.animation.presets import Design, NetworkOptions, TextOptions
+from pgm_models.animation.prior import Preconditioner, TemporalPrior, prior_from_json, prior_to_json
+from pgm_models.animation.text_encoders import TextEncoder, encoder_of
+from pgm_models.animation.windows import Windows
+from pgm_models.checkpoint import CHECKPOINT_NAME, load_checkpoint
+
+MODEL_NAME = "model.safetensors"
+"""File name of a run's averaged weights with all that is needed to use them."""
+SHIPPED = ("tennis_small",)
+"""Names of models that come with the package."""
+Step = Callable[[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor], Tensor]
+"""A network's forward: x, known, text, text_known, rate, log_snr, constants."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ModelOptions:
+    """What a model is, apart from its weights."""
+
+    layout: Layout
+    network: NetworkOptions
+    text: TextOptions
+    design: Design
+    encoder: str
+    """Frozen text encoder: `hash`, `minilm`, or `t5:` and a path."""
+    encoder_width: int
+    """Numbers of a token's features."""
+    frames: int
+    """Length of the training windows, T."""
+    prior: TemporalPrior | None
+    """Of the channels over time, where the design has one."""
+    rates: tuple[float, float]
+    """Lowest and highest rate of the training windows, frames a second."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Said:
+    """What a network said of noisy windows."""
+
+    output: Float[Tensor, "B T C"]
+    """In the parametrisation of the design; with a prior, of its doubts how far the clean state is from its mean."""
+    mean: Float[Tensor, "B T C"] | None
+    """The prior's expected clean state."""
+    doubt: Float[Tensor, "B T C"] | None
+    """Its standard deviation."""
+
+
+class AnimationModel(nn.Module):
+    """Unknown states from known ones, words and noise."""
+
+    def __init__(self, options: ModelOptions) -> None:
+        super().__init__()
+        self.options = options
+        layout, design = options.layout, options.design
+        self.preconditioner = None
+        if design.prior:
+            if options.prior is None:
+                raise ValueError("prior: expected one, as the design has it, got none")
+            self.preconditioner = Preconditioner(options.prior)
+        # With a prior the network reads its guess beside each channel; what it says of that one is left out.
+        self.shape = NetworkShape(
+            widths=tuple((2 if design.prior else 1) * width for width in layout.widths),
+            actions=len(layout.players),
+            constants=layout.constant_channels,
+            text_width=options.text.width,
+        )
+        self.aggregator = Aggregator(options.encoder_width, options.text)
+        self.denoiser: nn.Module = _network(self.shape, options)
+        self.discriminator: nn.Module | None = None
+        if design.adversary:
+            from pgm_models.animation.adversary import SequenceDiscriminator
+
+            self.discriminator = SequenceDiscriminator(self.shape, options.network)
+        self.step: Step | None = None
+        """What is run instead of the network, where that is set: an exported copy of it."""
+        self.property_of_channel: Tensor
+        self.register_buffer(
+            "property_of_channel", torch.as_tensor(layout.property_of_channel.copy()), persistent=False
+        )
+        starts = np.cumsum([0, *layout.widths])
+        own = [np.arange(width) + 2 * start for start, width in zip(starts, layout.widths, strict=False)]
+        self.own_places: Tensor
+        self.register_buffer("own_places", torch.as_tensor(np.concatenate(own)), persistent=False)
+        self.pair_order: Tensor
+        order = [
+            np.concatenate([np.arange(width), layout.channels + np.arange(width)]) + start
+            for start, width in zip(starts, layout.widths, strict=False)
+        ]
+        self.register_buffer("pair_order", torch.as_tensor(np.concatenate(order)), persistent=False)
+        self._encoder: TextEncoder | None = None
+
+    @property
+    def layout(self) -> Layout:
+        """What a state vector is made of."""
+        return self.options.layout
+
+    @property
+    def device(self) -> torch.device:
+        """Where the weights lie."""
+        return next(self.parameters()).device
+
+    def embedded(self, windows: Windows) -> Float[Tensor, "B T A W"]:
+        """The embedding of each frame's text; zeros where there is none."""
+        rows = self.aggregator(windows.tokens, windows.token_mask)
+        none = rows.new_zeros(1, rows.shape[-1])
+        return torch.cat([none, rows])[windows.text + 1]
+
+    def forward(
+        self,
+        x: Float[Tensor, "B T C"],
+        known: Bool[Tensor, "B T P"],
+        text_known: Bool[Tensor, "B T A"],
+        windows: Windows,
+        log_snr: Float[Tensor, " B"],
+        embedded: Tensor | None = None,
+    ) -> Said:
+        """What the network says of x, and what turns it into clean states.
+
+        Args:
+            x: Known values where known, noisy ones elsewhere; of reconstruction 0 elsewhere.
+            known: Which properties are given.
+            text_known: Which texts may be read.
+            windows: Of which texts, rate, constants and validity are taken.
+            log_snr: Of the noise.
+            embedded: The texts' embeddings where they are at hand already.
+        """
+        text = self.embedded(windows) if embedded is None else embedded
+        text_known = text_known & (windows.text >= 0)
+        run = self.denoiser if self.step is None else self.step
+        if self.preconditioner is None:
+            output = run(x, known, text, text_known, windows.rate, log_snr, windows.constants)
+            return Said(output=output, mean=None, doubt=None)
+        given, valid = self.over_channels(known), self.over_channels(windows.valid)
+        mean, doubt = self.preconditioner(x, given, valid, windows.rate, log_snr)
+        both = torch.cat([x, mean], dim=-1)[..., self.pair_order]
+        output = run(both, known, text, text_known, windows.rate, log_snr, windows.constants)
+        return Said(output=output[..., self.own_places], mean=mean, doubt=doubt)
+
+    def clean(self, said: Said, x: Float[Tensor, "B T C"], log_snr: Float[Tensor, " B"]) -> Float[Tensor, "B T C"]:
+        """The clean states that what was said of x stands for."""
+        if said.mean is not None and said.doubt is not None:
+            return said.mean + said.doubt * said.output
+        if self.options.design.objective == "reconstruction":
+            return said.output
+        return to_x0(self.options.design.diffusion.prediction, said.output, x, log_snr)
+
+    def over_channels(self, flags: Bool[Tensor, "B T P"]) -> Bool[Tensor, "B T C"]:
+        """Each property's flag for each of its channels."""
+        return flags[..., self.property_of_channel]
+
+    def text_tokens(self, texts: Sequence[str]) -> tuple[Tensor, Tensor]:
+        """Features and mask of the texts' tokens by the frozen encoder, on the model's device."""
+        if self._encoder is None:
+            self._encoder = encoder_of(self.options.encoder)
+        tokens, mask = self._encoder.tokens(list(texts))
+        return tokens.to(self.device), mask.to(self.device)
+
+
+def _network(shape: NetworkShape, options: ModelOptions) -> nn.Module:
+    match options.design.network:
+        case "transformer":
+            return Denoiser(shape, options.network)
+        case "lstm":
+            from pgm_models.animation.recurrent import SequenceLstm
+
+            return SequenceLstm(shape, options.network)
+        case "object_lstms":
+            from pgm_models.animation.recurrent import ObjectLstms
+
+            objects = tuple(entry.player for entry in options.layout.properties)
+            return ObjectLstms(shape, options.network, objects)
+
+
+def options_to_json(options: ModelOptions) -> dict[str, object]:
+    """The options as JSON values."""
+    return {
+        "layout": layout_to_json(options.layout),
+        "network": asdict(options.network),
+        "text": asdict(options.text),
+        "design": asdict(options.design),
+        "encoder": options.encoder,
+        "encoder_width": options.encoder_width,
+        "frames": options.frames,
+        "prior": None if options.prior is None else prior_to_json(options.prior),
+        "rates": list(options.rates),
+    }
+
+
+def options_from_json(raw: Mapping) -> ModelOptions:
+    """The options that `options_to_json` wrote.
+
+    Raises:
+        ValueError: If they are not such.
+    """
+    try:
+        design = dict(raw["design"])
+        design["diffusion"] = DiffusionOptions(**design["diffusion"])
+        return ModelOptions(
+            layout=layout_from_json(raw["layout"]),
+            network=NetworkOptions(**raw["network"]),
+            text=TextOptions(**raw["text"]),
+            design=Design(**design),
+            encoder=raw["encoder"],
+            encoder_width=raw["encoder_width"],
+            frames=raw["frames"],
+            prior=None if raw["prior"] is None else prior_from_json(raw["prior"]),
+            rates=(float(raw["rates"][0]), float(raw["rates"][1])),
+        )
+    except (KeyError, TypeError, IndexError) as error:
+        raise ValueError(f"model: expected the options of an animation model, got {error!r}") from error
+
+
+def save_model(path: Path, model: AnimationModel, about: Mapping[str, object]) -> None:
+    """Write weights and options as one safetensors file, whole or not at all."""
+    from safetensors.torch import save_file
+
+    metadata = {"pgm_animation": json.dumps(options_to_json(model.options)), "about": json.dumps(about)}
+    tensors = {name: value.detach().cpu().contiguous().clone() for name, value in model.state_dict().items()}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(path) as temporary:
+        save_file(tensors, temporary, metadata=metadata)
+
+
+def load_model(run: Path, device: torch.device | str = "cpu") -> AnimationModel:
+    """The model of a run's folder, of a file, or of a shipped name; with averaged weights, in evaluation mode.
+
+    Raises:
+        ValueError: If there is none; says what was found.
+    """
+    if str(run) in SHIPPED and not run.exists():
+        with as_file(files("pgm_models.animation").joinpath(f"weights/{run}.safetensors")) as path:
+            return _read(path, device)
+    if run.is_file():
+        return _read(run, device)
+    if (run / MODEL_NAME).is_file():
+        return _read(run / MODEL_NAME, device)
+    if (run / CHECKPOINT_NAME).is_file():
+        found = load_checkpoint(run / CHECKPOINT_NAME)
+        described = found.options.get("task", {}).get("model")
+        if not isinstance(described, dict):
+            raise ValueError(f"{run}: expected a run of pgm-train animation, got one of another model")
+        model = AnimationModel(options_from_json(described))
+        model.load_state_dict(dict(found.average))
+        return model.eval().requires_grad_(False).to(device)
+    what = "an empty or foreign folder" if run.is_dir() else "nothing there"
+    raise ValueError(f"{run}: expected a run of pgm-train animation or one of {', '.join(SHIPPED)}, got {what}")
+
+
+def _read(path: Path, device: torch.device | str) -> AnimationModel:
+    from safetensors import SafetensorError, safe_open
+
+    try:
+        with safe_open(path, framework="pt") as file:
+            about = file.metadata() or {}
+            if "pgm_animation" not in about:
+                raise ValueError(f"{path}: expected an animation model, got a safetensors file of something else")
+            model = AnimationModel(options_from_json(json.loads(about["pgm_animation"])))
+            model.load_state_dict({name: file.get_tensor(name).float() for name in file.keys()})
+    except (SafetensorError, RuntimeError) as error:
+        raise ValueError(f"{path}: expected an animation model, got {error}") from error
+    return model.eval().requires_grad_(False).to(device)
