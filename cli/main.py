@@ -91,6 +91,16 @@ VERBS: dict[str, Verb] = {
         summary="read work folders and corrections of other programs",
         example="pgm import colmap colmap --out work",
     ),
+    "animate": Verb(
+        module="animate",
+        summary="play from words and wanted states, by a trained model",
+        example="pgm animate runs/animation --prompt prompt.json --out made",
+    ),
+    "evaluate": Verb(
+        module="evaluate",
+        summary="score a trained model on play that it has not seen",
+        example="pgm evaluate runs/animation dataset --out scores",
+    ),
     "trade": Verb(
         module="trade",
         summary="accuracy against time of every preset of a stage",

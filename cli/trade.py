@@ -9,6 +9,7 @@ import tyro
 from .console import option_error, print_error
 from .output import OutputFolder, prepare_output
 from .simulate import picture_size
+from .trade_animation import trade_animation
 from .trade_ball import trade_ball3d
 from .trade_jobs import NOTHING_USABLE, carried_out
 from .trade_pipeline import trade_pipeline
@@ -65,6 +66,7 @@ def main(argv: list[str]) -> int:
             "players": trade_players,
             "ball3d": trade_ball3d,
             "pipeline": trade_pipeline,
+            "animation": trade_animation,
         },
         args=argv,
         prog="pgm trade",

@@ -19,7 +19,7 @@ class NetworkOptions:
     """Numbers of a token, D."""
     layers: int
     heads: int
-    dropout: float = 0.1
+    dropout: float = 0.0
     positions: Positions = "bias"
     """How tokens know their distance in time: a bias of the attention for each pair of kinds; or Shaw's vectors."""
     reach: int = 16
@@ -81,7 +81,7 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
             learning_rate=1e-3,
         ),
         "base": Preset(
-            network=NetworkOptions(width=512, layers=8, heads=8),
+            network=NetworkOptions(width=512, layers=8, heads=8, dropout=0.1),
             text=TextOptions(width=256, layers=2, heads=8),
             encoder="minilm",
             frames=16,
@@ -90,7 +90,7 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
             learning_rate=3e-4,
         ),
         "paper": Preset(
-            network=NetworkOptions(width=768, layers=12, heads=12, dropout=0.0, positions="shaw"),
+            network=NetworkOptions(width=768, layers=12, heads=12, positions="shaw"),
             text=TextOptions(width=1024, layers=4, heads=8),
             encoder="t5",
             frames=16,
@@ -119,8 +119,6 @@ class Design:
     """Whether each property weighs the same in the loss, however many channels it has; else each channel does."""
     prior: bool = False
     """Whether the network tells what a Gaussian prior of each channel over time does not (see `prior`)."""
-    speed_weight: float = 0.0
-    """Weight of the squared error of speeds (standardised channels a second) beside that of states."""
 
 
 DESIGNS: Mapping[str, Design] = MappingProxyType(

@@ -1,18 +1,16 @@
 """What the animation model is trained on: windows under masks, with noise or without."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import torch
-from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from pgm_models.animation.layout import Layout
 from pgm_models.animation.masks import draw_masks, drop_text
 from pgm_models.animation.model import AnimationModel, ModelOptions, options_to_json
 from pgm_models.animation.noise import (
-    DiffusionOptions,
     draw_log_snr,
     loss_weight,
     masked_loss,
@@ -42,29 +40,6 @@ class MaskOptions:
 def objects_of(layout: Layout) -> tuple[int, ...]:
     """The object that each property belongs to: players by index, then the ball."""
     return tuple(entry.player if entry.player >= 0 else len(layout.players) for entry in layout.properties)
-
-
-def speed_loss(
-    x0: Float[Tensor, "B T C"],
-    windows: Windows,
-    unknown: Bool[Tensor, "B T P"],
-    weight: Float[Tensor, " B"],
-    model: AnimationModel,
-) -> Float[Tensor, ""]:
-    """Mean weighted squared error of the speeds of clean states, each property weighing the same.
-
-    Known frames are without error, so what joins them is judged too. The expected clean state minimises it like the
-    error of states itself: it moves the weight between slow and fast parts of the error and changes no optimum.
-    """
-    error = torch.where(model.over_channels(unknown), x0 - windows.state, 0)
-    speed = (error[:, 1:] - error[:, :-1]) * windows.rate[:, None, None]
-    judged = windows.valid[:, 1:] & windows.valid[:, :-1] & (unknown[:, 1:] | unknown[:, :-1])
-    loss, _ = masked_loss(speed, torch.zeros_like(speed), judged, weight, model.property_of_channel, balanced=True)
-    return loss
-
-
-def _of_x0(options: DiffusionOptions) -> DiffusionOptions:
-    return replace(options, prediction="x0")
 
 
 class AnimationTask(Task):
@@ -148,12 +123,7 @@ class AnimationTask(Task):
         loss, each = masked_loss(
             said.output, target, unknown, weight, network.property_of_channel, balanced=design.balanced
         )
-        terms = self._named(each)
-        if design.speed_weight:
-            x0 = network.clean(said, x, log_snr)
-            speed = speed_loss(x0, windows, unknown, loss_weight(_of_x0(design.diffusion), log_snr), network)
-            loss, terms = loss + design.speed_weight * speed, {**terms, "speed": speed.detach()}
-        return loss, terms
+        return loss, self._named(each)
 
     def _named(self, each: Tensor) -> dict[str, Tensor]:
         columns = [entry.column for entry in self._options.layout.properties]

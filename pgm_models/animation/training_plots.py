@@ -103,7 +103,7 @@ def _write_picture(path: Path, trained: Mapping[str, np.ndarray], held_out: Mapp
         axes.set_xlabel("step")
         axes.grid(alpha=0.3)
         if values:
-            axes.legend(fontsize=7)
+            axes.legend(fontsize=7, loc="upper right")
     with whole_file(path) as temporary:
         figure.savefig(temporary, format="png", dpi=80)
 
