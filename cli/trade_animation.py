@@ -29,7 +29,7 @@ class AnimationTrade:
     parts: tuple[Literal["designs", "masks", "share", "steps"], ...] = ("designs", "masks", "share", "steps")
     """What to compare: ours, the paper's and the baselines; groups of masking strategies; 20 to 100 % of the data; each
     sampler at 1 to 1000 steps."""
-    designs: tuple[str, ...] = ("ours", "paper", "transformer", "lstm", "playable")
+    designs: tuple[str, ...] = ("ours", "velocity", "paper", "transformer", "lstm", "playable")
     """Designs of the first part; those that pgm-train animation knows."""
     seeds: int = 3
     """Trainings of ours, of the paper's design and of the reconstruction transformer; one of the rest."""
@@ -44,7 +44,7 @@ class AnimationTrade:
     windows: int = 2048
     """Windows of an evaluation, at most."""
     few_windows: int = 512
-    """The same with 1000 steps, and where steps are compared."""
+    """The same with 250 and 1000 steps, and where steps are compared."""
     most_steps: int = 1000
     """Leave out comparisons of more steps than these."""
     run: Path | None = None

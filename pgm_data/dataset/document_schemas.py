@@ -238,8 +238,8 @@ CLIP = record(
         "n_frames": integer("decoded frames of the clip", low=1),
         "scene": text("the scene", least=1),
         "quality": text(
-            "preset; truth: exact, from a simulator; imported: from somebody else's files",
-            one_of=["draft", "standard", "best", "truth", "imported"],
+            "preset; truth: exact, from a simulator; imported: from somebody else's files; generated: by a model",
+            one_of=["draft", "standard", "best", "truth", "imported", "generated"],
         ),
         "lens_model": nullable(LENS_MODEL),
         "shutter_s": nullable(number("exposure, estimated or known, s", low=0, high=1)),

@@ -34,7 +34,7 @@ class Context:
     size: tuple[int, int] | None = None
     """Width and height, pixels."""
     quality: str | None = None
-    """Preset, `truth` or `imported`."""
+    """Preset, `truth` `imported` or `generated`."""
 
 
 def rows_fault(

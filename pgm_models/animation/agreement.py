@@ -6,7 +6,7 @@ and held against what the caption claims. Beside it stand a ceiling (the rules o
 chance (captions of other windows against the real states; the most frequent word), and the model without text.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import get_args
 
@@ -27,9 +27,7 @@ from pgm_models.animation.agreement_result import (
 from pgm_models.animation.encode import decode
 from pgm_models.animation.generate import wound_in
 from pgm_models.animation.hit_windows import (
-    HitWindowOptions,
     HitWindows,
-    hit_windows,
     hits_of,
 )
 from pgm_models.animation.keyframes import chunk_pieces
@@ -42,8 +40,8 @@ from pgm_models.animation.windows import Windows
 
 
 @dataclass(frozen=True, kw_only=True)
-class AgreementOptions(HitWindowOptions):
-    """How much is generated, and how.
+class AgreementOptions:
+    """What a model is shown, and how.
 
     Raises:
         ValueError: If a number is out of range.
@@ -57,26 +55,24 @@ class AgreementOptions(HitWindowOptions):
     """Windows that are filled in at once, at most."""
     device: str = "cpu"
     """Where windows are put before they are filled in."""
+    seed: int = 0
+    """Of shuffles and noise."""
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        super().__post_init__()
-        if not 1 <= self.given < self.frames:
-            raise ValueError(f"AgreementOptions.given: expected 1 to {self.frames - 1}, got {self.given}")
-        if self.batch < 1:
-            raise ValueError(f"AgreementOptions.batch: expected at least 1, got {self.batch}")
+        for name, low in (("given", 1), ("batch", 1), ("seed", 0)):
+            if getattr(self, name) < low:
+                raise ValueError(f"AgreementOptions.{name}: expected at least {low}, got {getattr(self, name)}")
 
 
 def agreement(
     fill: Fill,
     store: StateStore,
     features: TextFeatures,
+    windows: HitWindows,
     options: AgreementOptions,
     *,
-    matches: tuple[str, ...] | None = None,
     scene: Scene | None = None,
-    handedness: Mapping[str, tuple[str, ...]] | None = None,
-    about: Mapping[str, str | int | float] | None = None,
     show: Callable[[str], None] = lambda line: None,
 ) -> AgreementResult:
     """How often what is generated agrees with what the captions claim.
@@ -87,20 +83,19 @@ def agreement(
         fill: What fills in windows.
         store: Real play, which it has not learned from.
         features: Of the store's texts.
-        options: How much.
-        matches: Of which; all where None.
+        windows: Of the store, as `hit_windows.hit_windows` finds them.
+        options: What is shown.
         scene: What the store shows, where it does not ship with the package.
-        handedness: Of each clip's players, as `hit_windows.clip_handedness` reads it; else estimated.
-        about: What is measured, kept in the result.
         show: Is told how far it is.
 
     Raises:
-        ValueError: If there are no captions of hits, or something was filled in that is not finite.
+        ValueError: If all frames are shown, or something was filled in that is not finite.
     """
+    if options.given >= windows.options.frames:
+        raise ValueError(f"given: expected less than the {windows.options.frames} frames, got {options.given}")
     scene = load_scene(store.layout.scene) if scene is None else scene
-    windows = hit_windows(store, scene, options, matches=matches, handedness=handedness)
-    other = _other_rows(windows, options.seed)
-    real, rate = _read_real(store, windows, scene, options)
+    other = other_rows(windows, options.seed)
+    real, rate = _read_real(store, windows, scene)
     reads: dict[str, tuple[Read, ...]] = {"ceiling": real}
     show(f"ceiling: read {len(windows)} windows")
     for words in options.words:
@@ -117,7 +112,6 @@ def agreement(
         windows=len(windows),
         rate=float(rate.mean()),
         hit={words: float(np.mean([hit is not None for hit in read])) for words, read in reads.items()},
-        about=dict(about or {}),
     )
 
 
@@ -193,7 +187,7 @@ def upsample(
     )
 
 
-def _other_rows(windows: HitWindows, seed: int) -> Int[np.ndarray, " windows"]:
+def other_rows(windows: HitWindows, seed: int) -> Int[np.ndarray, " windows"]:
     """Another window of each, of a hit by the same player, serve for serve; its own where there is no other."""
     random = np.random.default_rng([seed, 1])
     other = np.arange(len(windows))
@@ -206,10 +200,10 @@ def _other_rows(windows: HitWindows, seed: int) -> Int[np.ndarray, " windows"]:
 
 
 def _read_real(
-    store: StateStore, windows: HitWindows, scene: Scene, options: AgreementOptions
+    store: StateStore, windows: HitWindows, scene: Scene
 ) -> tuple[tuple[Read, ...], Float[np.ndarray, " windows"]]:
     """What the rules say of the real states at the raised rate, and that rate."""
-    real = windows_at(store, windows.fine, options.fine_frames, None)
+    real = windows_at(store, windows.fine, windows.options.fine_frames, None)
     rate = real.rate.numpy().astype(np.float64)
     columns = decode(store.layout, real.state.numpy(), real.constants.numpy(), scene=scene)
     return hits_of(columns, rate, windows, scene), rate
@@ -241,22 +235,23 @@ def _read_filled(
 ) -> tuple[Read, ...]:
     """What the rules say of states that are made with these texts; the noise is the same for all texts."""
     generator = torch.Generator().manual_seed(options.seed)
+    factor = windows.options.factor
     reads: list[Read] = []
     for start in range(0, len(windows), options.batch):
         rows = np.arange(start, min(start + options.batch, len(windows)))
-        first = windows_at(store, windows.coarse.some(rows), options.frames, None)
+        first = windows_at(store, windows.coarse.some(rows), windows.options.frames, None)
         ids, inverse = np.unique(texts[rows], return_inverse=True)
         missing = int(ids[0] < 0)
         tokens, mask = features.rows(ids[missing:])
         fine_text = torch.from_numpy(inverse.reshape(texts[rows].shape) - missing).to(options.device)
         first = replace(first, tokens=torch.from_numpy(tokens), token_mask=torch.from_numpy(mask)).to(options.device)
-        first = replace(first, text=fine_text[:, :: options.factor].contiguous())
+        first = replace(first, text=fine_text[:, ::factor].contiguous())
         known = torch.zeros_like(first.valid)
         known[:, : options.given] = first.valid[:, : options.given]
         made = fill(first, known, first.text >= 0, generator).to(first.state)
         made = replace(first, state=_finite(made, first.names, words))
-        if options.factor > 1:
-            made = upsample(fill, made, options.factor, store.layout, generator, text=fine_text)
+        if factor > 1:
+            made = upsample(fill, made, factor, store.layout, generator, text=fine_text)
             _finite(made.state, first.names, words)
         columns = decode(store.layout, made.state.cpu().numpy(), made.constants.cpu().numpy(), scene=scene)
         reads += hits_of(columns, made.rate.cpu().numpy().astype(np.float64), windows.some(rows), scene)

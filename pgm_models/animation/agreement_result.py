@@ -1,7 +1,7 @@
 """How often words and deeds agree, counted: the rows of an agreement, what chance would reach, and its table."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
@@ -62,8 +62,6 @@ class AgreementResult:
     """Of the states that are read, frames a second; the mean over windows."""
     hit: Mapping[str, float]
     """Of the ceiling and of each kind of words, in what share of windows the player hits the ball at all."""
-    about: Mapping[str, str | int | float] = field(default_factory=dict)
-    """What was measured."""
 
     def row(self, words: str, part: str, kind: str = "all") -> AgreementRow:
         """The row of that name.
@@ -167,7 +165,6 @@ def agreement_to_json(result: AgreementResult) -> dict[str, object]:
         "windows": result.windows,
         "rate": result.rate,
         "hit": dict(result.hit),
-        "about": dict(result.about),
         "rows": [
             {name: getattr(row, name) for name in row.__dataclass_fields__}
             | {"share": None if not row.windows else row.share, "interval": list(row.interval) if row.windows else None}

@@ -47,7 +47,7 @@ class HitWindowOptions:
     lead_s: tuple[float, float] = (0.3, 0.6)
     """Least and most time from the first frame to the hit, s; drawn for each."""
     seed: int = 0
-    """Of leads, shuffles and noise."""
+    """Of leads."""
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -69,6 +69,8 @@ class HitWindowOptions:
 class HitWindows:
     """Windows that begin shortly before a hit; a row each."""
 
+    options: HitWindowOptions
+    """That they were found by."""
     coarse: WindowPlaces
     """Where they lie, at the rate that is filled in first."""
     fine: WindowPlaces
@@ -92,6 +94,7 @@ class HitWindows:
         """The chosen ones."""
         chosen = rows.tolist()
         return HitWindows(
+            options=self.options,
             coarse=self.coarse.some(rows),
             fine=self.fine.some(rows),
             player=self.player[rows],
@@ -173,6 +176,7 @@ def hit_windows(
     first = store.segment_start[fine.segment] + fine.start
     rows = first[:, None] + fine.stride[:, None] * np.arange(options.fine_frames)
     return HitWindows(
+        options=options,
         coarse=coarse,
         fine=fine,
         player=np.array(player),

@@ -43,6 +43,7 @@ SEVERAL_SEEDS = ("ours", "paper", "transformer")
 """Designs that are trained with all seeds; the others with the first."""
 TITLES: Mapping[str, str] = {
     "ours": "ours",
+    "velocity": "ours without its prior",
     "paper": "the paper's design",
     "transformer": "reconstruction transformer",
     "lstm": "reconstruction LSTM",
@@ -68,14 +69,14 @@ class AnimationTradeOptions:
     state_dir: Path
     """Folder of the jobs' state."""
     parts: tuple[Part, ...] = get_args(Part)
-    designs: tuple[str, ...] = ("ours", "paper", "transformer", "lstm", "playable")
+    designs: tuple[str, ...] = ("ours", "velocity", "paper", "transformer", "lstm", "playable")
     """Of `DESIGNS`, for the part `designs`."""
     seeds: int = 3
     """Of ours, of the paper's design and of the reconstruction transformer."""
     windows: int = 2_048
     """Windows of an evaluation."""
     few_windows: int = 512
-    """Of those with 1000 steps, and of the comparison of steps."""
+    """Of those with 250 and 1000 steps, and of the comparison of steps."""
     most_steps: int = 1_000
     """Comparisons of more steps are left out."""
     workers: int = 1
@@ -159,14 +160,16 @@ def evaluations(options: AnimationTradeOptions) -> dict[Part, list[Evaluation]]:
 
 def _of_designs(options: AnimationTradeOptions, whole: Evaluation, few: Evaluation) -> list[Evaluation]:
     found = []
-    for design in options.designs:
-        for seed in range(options.seeds if design in SEVERAL_SEEDS else 1):
+    for seed in range(options.seeds):
+        for design in options.designs:
+            if seed and design not in SEVERAL_SEEDS:
+                continue
             own = replace(whole, model=Training(design=design, seed=seed))
             found.append(own if _diffusion(design) else replace(own, steps=1))
-            if design == "paper" and options.most_steps >= 250:
-                found.append(replace(own, sampler="ddpm", steps=250, several=0, physics=False))
+        if "paper" in options.designs and options.most_steps >= 250:
+            found.append(replace(few, model=Training(seed=seed)))
+            found.append(replace(few, model=Training(design="paper", seed=seed), sampler="ddpm", steps=250))
     if "paper" in options.designs and options.most_steps >= 1000:
-        found.append(replace(few, model=Training()))
         found.append(replace(few, model=Training(design="paper"), sampler="ddpm", steps=1000))
     return found
 

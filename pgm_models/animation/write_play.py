@@ -284,7 +284,7 @@ def _document(names: ClipNames, prompt: Prompt, view: PlayCamera | None) -> dict
         "first_video_frame": 0,
         "n_frames": prompt.frames,
         "scene": prompt.scene,
-        "quality": "imported",
+        "quality": "generated",
         "lens_model": None if view is None else {"model": "opencv_k1", "reason": view.reason},
         "shutter_s": None,
         "ui_boxes_px": [],

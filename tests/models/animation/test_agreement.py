@@ -12,7 +12,7 @@ from scipy.stats import binomtest
 from pgm_data.caption.claims import Claims, claims_of_text
 from pgm_data.dataset.clip_ball import EventRows
 from pgm_data.scene import load_scene
-from pgm_models.animation.agreement import AgreementOptions, agreement, upsample
+from pgm_models.animation.agreement import AgreementOptions, agreement, other_rows, upsample
 from pgm_models.animation.agreement_result import (
     PARTS,
     AgreementResult,
@@ -32,7 +32,8 @@ from pgm_models.animation.window_source import WindowPlaces, windows_at
 from pgm_models.animation.windows import Windows
 
 TENNIS = load_scene("tennis")
-OPTIONS = AgreementOptions(windows=40, factor=1, batch=64)
+PLACED = HitWindowOptions(windows=16, factor=1)
+OPTIONS = AgreementOptions()
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +53,7 @@ def hands(tennis_dataset: Path) -> dict[str, tuple[str, ...]]:
 
 @pytest.fixture(scope="module")
 def windows(store: StateStore, hands: dict[str, tuple[str, ...]]) -> HitWindows:
-    return hit_windows(store, TENNIS, OPTIONS, handedness=hands)
+    return hit_windows(store, TENNIS, PLACED, handedness=hands)
 
 
 def real(windows: Windows, known, text_known, generator) -> torch.Tensor:
@@ -72,7 +73,7 @@ def straight(windows: Windows, known, text_known, generator) -> torch.Tensor:
 
 
 def test_hit_windows_begin_shortly_before_a_hit_that_a_caption_tells_of(windows, store, hands):
-    assert len(windows) > 15
+    assert len(windows) == 16
     assert set(hands) == set(store.clips) and all(set(pair) <= {"left", "right"} for pair in hands.values())
     for row in range(len(windows)):
         place = windows.coarse.some(np.array([row]))
@@ -83,64 +84,65 @@ def test_hit_windows_begin_shortly_before_a_hit_that_a_caption_tells_of(windows,
         rate = store.segment_rate[place.segment[0]]
         near = range(int(0.3 * rate), int(0.6 * rate) + 2)
         captions = store.span[rows][list(near), windows.player[row]]
-        assert any(claims_of_text(store.spans.texts_of(span)[0]) == windows.claims[row] for span in captions)
+        assert any(claims_of_text(store.spans.texts_of(int(span))[0]) == windows.claims[row] for span in captions)
         assert windows.claims[row].hits
         assert (windows.past[row].time < 0).all()
-    assert (windows.fine.stride * OPTIONS.factor == windows.coarse.stride).all()
+    assert (windows.fine.stride * PLACED.factor == windows.coarse.stride).all()
 
 
 def test_the_rates_of_both_stages_are_those_of_the_data(store):
-    for factor in (1, 2, 3):
+    for factor in (2, 3):
         found = hit_windows(store, TENNIS, HitWindowOptions(windows=4, factor=factor))
         assert (found.fine.stride * factor == found.coarse.stride).all()
         assert found.span.shape[1] == 15 * factor + 1
 
 
-def test_real_play_agrees_with_its_captions_whatever_words_are_given(store, features, hands):
-    result = agreement(real, store, features, OPTIONS, handedness=hands)
+def test_real_play_agrees_with_its_captions_whatever_words_are_given(store, features, windows):
+    options = replace(OPTIONS, words=("right", "shuffled"))
+    result = agreement(real, store, features, windows, options)
     assert result.rate == pytest.approx(25 / 3)
     for part in PARTS:
         ceiling = result.row("ceiling", part)
         assert ceiling.share >= 0.85
-        for words in OPTIONS.words:
+        for words in options.words:
             row = result.row(words, part)
             assert (row.agreed, row.read, row.windows) == (ceiling.agreed, ceiling.read, ceiling.windows)
     assert result.row("shuffled, as told", "target").share < 0.75
     assert result.row("chance", "target").share < 0.75
     assert result.hit["ceiling"] == result.hit["right"] >= 0.95
     json.dumps(agreement_to_json(result), allow_nan=False)
-    assert agreement_table(result).count("\n") == 9
+    assert agreement_table(result).count("\n") == 7
 
 
-def test_play_that_follows_the_words_given_follows_shuffled_ones_too(store, features, hands, windows):
-    from pgm_models.animation.agreement import _other_rows
-
-    states = windows_at(store, windows.coarse, OPTIONS.frames, None).state
-    answers = [states, states[torch.from_numpy(_other_rows(windows, OPTIONS.seed))]]
+def test_play_that_follows_the_words_given_follows_shuffled_ones_too(store, features, windows):
+    states = windows_at(store, windows.coarse, PLACED.frames, None).state
+    answers = [states, states[torch.from_numpy(other_rows(windows, OPTIONS.seed))]]
     calls = iter(answers)
     options = replace(OPTIONS, words=("right", "shuffled"))
-    result = agreement(lambda *asked: next(calls), store, features, options, handedness=hands)
+    result = agreement(lambda *asked: next(calls), store, features, windows, options)
     assert result.row("right", "target").share >= 0.85
     assert result.row("shuffled, as told", "shot").share >= 0.8
     assert result.row("shuffled, as told", "target").share > result.row("shuffled", "target").share + 0.2
 
 
-def test_a_model_is_shown_the_first_frame_and_the_texts_alone(store, features, hands, windows):
+def test_a_model_is_shown_the_first_frame_and_the_texts_alone(store, features, windows):
     asked: list[tuple[Windows, torch.Tensor, torch.Tensor]] = []
+
+    windows = windows.some(np.arange(4))
 
     def spy(given, known, text_known, generator):
         asked.append((given, known, text_known))
         return given.state
 
     options = replace(OPTIONS, given=2, words=("right", "reworded", "none"))
-    agreement(spy, store, features, options, handedness=hands)
+    agreement(spy, store, features, windows, options)
     (right, known, told), (reworded, _, _), (_, _, silent) = asked
     assert known[:, :2].all() and not known[:, 2:].any()
     assert not silent.any()
     main = store.main_texts(windows.span)
     assert (told.numpy() == (main >= 0)).all()
     for given, number in ((right, 0), (reworded, 1)):
-        for row, frame, player in ((0, 0, 0), (5, 7, 1), (11, 15, 0)):
+        for row, frame, player in ((0, 0, 0), (1, 7, 1), (3, 15, 0)):
             texts = store.spans.texts_of(int(windows.span[row, frame, player]))
             wanted = store.texts.index(texts[min(number, len(texts) - 1)])
             tokens, mask = features.rows(np.array([wanted]))
@@ -153,8 +155,8 @@ def test_two_stages_keep_keyframes_and_read_at_the_raised_rate(store, features, 
     def first_real_then_straight(given, known, text_known, generator):
         return given.state if known.float().mean() < 0.1 else straight(given, known, text_known, generator)
 
-    options = replace(OPTIONS, windows=12, factor=3, words=("right",))
-    result = agreement(first_real_then_straight, store, features, options, handedness=hands)
+    fine = hit_windows(store, TENNIS, replace(PLACED, windows=4, factor=3), handedness=hands)
+    result = agreement(first_real_then_straight, store, features, fine, replace(OPTIONS, words=("right",)))
     assert result.rate == pytest.approx(25.0)
     assert result.row("right", "shot").share >= 0.7
 
@@ -180,20 +182,20 @@ def test_upsampling_keeps_keyframes_to_the_bit_and_fills_between_them(store, win
     np.testing.assert_allclose(fine.state.numpy(), wanted, atol=1e-4)
 
 
-def test_what_is_not_finite_is_refused_by_name(store, features, hands):
+def test_what_is_not_finite_is_refused_by_name(store, features, windows):
     def broken(given, known, text_known, generator):
         state = given.state.clone()
         state[1, 4] = torch.nan
         return state
 
     with pytest.raises(ValueError, match=r"clip .*frame .*right words: expected finite"):
-        agreement(broken, store, features, OPTIONS, handedness=hands)
+        agreement(broken, store, features, windows.some(np.arange(3)), OPTIONS)
 
 
 def test_a_store_without_captions_of_hits_is_refused(store):
     silent = replace(store, span=np.full(store.span.shape, -1, dtype=store.span.dtype))
     with pytest.raises(ValueError, match="captions of hits"):
-        hit_windows(silent, TENNIS, OPTIONS)
+        hit_windows(silent, TENNIS, PLACED)
 
 
 @pytest.mark.parametrize(("agreed", "windows"), [(0, 5), (5, 5), (13, 40), (200, 256)])
@@ -218,6 +220,7 @@ def invented(texts: list[str], players: list[int]) -> HitWindows:
         position=np.zeros((0, 3)),
     )
     return HitWindows(
+        options=HitWindowOptions(frames=2),
         coarse=places,
         fine=places,
         player=np.array(players),
@@ -271,19 +274,24 @@ def test_a_hit_that_does_not_come_or_is_not_clear_does_not_agree():
 
 
 @pytest.mark.parametrize(
-    ("changed", "message"),
+    ("options", "changed", "message"),
     [
-        ({"windows": 0}, "windows: expected at least 1"),
-        ({"given": 16}, "given: expected 1 to 15"),
-        ({"batch": 0}, "batch: expected at least 1"),
-        ({"rate": 0.0}, "rate: expected above 0"),
-        ({"lead_s": (0.5, 0.2)}, "lead_s"),
-        ({"factor": 0}, "factor: expected at least 1"),
+        (HitWindowOptions, {"windows": 0}, "windows: expected at least 1"),
+        (HitWindowOptions, {"rate": 0.0}, "rate: expected above 0"),
+        (HitWindowOptions, {"lead_s": (0.5, 0.2)}, "lead_s"),
+        (HitWindowOptions, {"factor": 0}, "factor: expected at least 1"),
+        (AgreementOptions, {"given": 0}, "given: expected at least 1"),
+        (AgreementOptions, {"batch": 0}, "batch: expected at least 1"),
     ],
 )
-def test_options_out_of_range_are_refused(changed, message):
+def test_options_out_of_range_are_refused(options, changed, message):
     with pytest.raises(ValueError, match=message):
-        AgreementOptions(**changed)
+        options(**changed)
+
+
+def test_to_show_everything_is_refused(store, features, windows):
+    with pytest.raises(ValueError, match="given: expected less than the 16 frames"):
+        agreement(real, store, features, windows, replace(OPTIONS, given=16))
 
 
 def test_rows_that_were_not_measured_are_named():
