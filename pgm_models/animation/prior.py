@@ -1,10 +1,14 @@
-"""A Gaussian prior of each channel over time, and the best linear guess of clean states that it gives.
+"""A Gaussian prior of the channels over time, and the best linear guess of clean states that it gives.
 
-Channels are taken for independent stationary Gaussian processes whose autocorrelation is that of the data. From known
-values and noisy ones this gives, in closed form, the expected clean state and how far from it the truth is to be
-expected. The network tells the rest, in units of that doubt: it need not learn to carry a known value through time or
-that bodies move smoothly, and its errors shrink with the doubt. This is the preconditioning of Karras et al. 2022
-(equation 7, c_skip and c_out) with a process in place of one variance.
+Channels are taken for stationary Gaussian processes whose autocorrelation is that of the data: independent ones, but
+for velocities, which are tied to the positions whose derivatives they are. From known values and noisy ones this
+gives, in closed form, the expected clean state and how far from it the truth is to be expected. The network tells the
+rest, in units of that doubt: it need not learn to carry a known value through time, that bodies move smoothly, or that
+a ball goes on as fast as it flies, and its errors shrink with the doubt. This is the preconditioning of Karras et al.
+2022 (equation 7, c_skip and c_out) with a process in place of one variance.
+
+A process is a sum of kernels: Matern 3/2, k = (1 + r) exp(-r) with r = sqrt(3) |t| / s, which has a derivative of
+covariance -k'' = 3 / s^2 (1 - r) exp(-r); rough ones, exp(-|t| / s); and what does not last a frame.
 """
 
 import math
@@ -17,134 +21,242 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from pgm_data.geometry.arrays import frozen
+from pgm_models.animation.layout import Layout
 from pgm_models.animation.noise import alpha_sigma
 from pgm_models.animation.windows import Windows
 
 SCALES_S = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 32.0)
-"""Length scales of the kernels that autocorrelations are made of, seconds."""
+"""Length scales s of the kernels, seconds."""
 KNOWN_VARIANCE = 1e-6
 """Of what is known, standardised: it keeps matrices well conditioned."""
 LEAST_DOUBT = 0.25
-"""Standardised; the network's unit is never smaller."""
+"""Standardised; the network's unit is never smaller, so that no rare jump outweighs all else."""
+LEAST_SHARE = 1e-3
+"""Of all kernels together: a channel that does not vary in the windows seen may vary in others."""
 NO_LAG = 1e-9
+_ARRAYS = ("smooth", "rough", "white", "ratio")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class TemporalPrior:
-    """Autocorrelations as sums of kernels: smooth ones, rough ones, and what does not last a frame."""
+    """Shares of the kernels in each channel, and which channels are derivatives.
+
+    Raises:
+        ValueError: If a share is below 0.
+    """
 
     smooth: Float[np.ndarray, "channels scales"]
-    """Share of (1 + r) exp(-r), r = sqrt(3) t / s, for each s of `SCALES_S` (Matern 3/2); not negative."""
+    """Of Matern 3/2 for each of `SCALES_S`; of a velocity, beside what its position brings."""
     rough: Float[np.ndarray, "channels scales"]
-    """Share of exp(-t / s)."""
     white: Float[np.ndarray, " channels"]
-    """Share without any memory."""
+    position: Int[np.ndarray, " pairs"]
+    """Channels whose derivative is a channel too."""
+    velocity: Int[np.ndarray, " pairs"]
+    """That derivative."""
+    ratio: Float[np.ndarray, " pairs"]
+    """Standard deviation of the position over that of the velocity, seconds: undoes their standardising."""
 
     def __post_init__(self) -> None:
         """Keep read-only copies, and check that all shares are variances."""
-        for name in ("smooth", "rough", "white"):
+        for name in _ARRAYS:
             object.__setattr__(self, name, frozen(getattr(self, name)))
             if not (getattr(self, name) >= 0).all():
                 raise ValueError(f"prior.{name}: expected shares of 0 or more, got others")
+        for name in ("position", "velocity"):
+            object.__setattr__(self, name, frozen(getattr(self, name), np.int64))
 
 
 def prior_to_json(prior: TemporalPrior) -> dict[str, object]:
     """The prior as JSON values."""
-    return {name: getattr(prior, name).tolist() for name in ("smooth", "rough", "white")}
+    return {name: getattr(prior, name).tolist() for name in prior.__dataclass_fields__}
 
 
 def prior_from_json(raw: Mapping) -> TemporalPrior:
     """The prior that `prior_to_json` wrote."""
-    return TemporalPrior(**{name: np.asarray(raw[name], dtype=np.float64) for name in ("smooth", "rough", "white")})
+    floats = {name: np.asarray(raw[name], dtype=np.float64) for name in _ARRAYS}
+    return TemporalPrior(
+        **floats,
+        position=np.asarray(raw["position"], dtype=np.int64),
+        velocity=np.asarray(raw["velocity"], dtype=np.int64),
+    )
 
 
-def fit_prior(batches: Iterable[Windows], property_of_channel: Int[np.ndarray, " channels"]) -> TemporalPrior:
-    """The prior whose autocorrelations are nearest to those of the windows, by non-negative least squares.
+def derivatives(
+    layout: Layout,
+) -> tuple[Int[np.ndarray, " pairs"], Int[np.ndarray, " pairs"], Float[np.ndarray, " pairs"]]:
+    """Channels of positions, those of their velocities, and the ratios of their scales."""
+    columns = [entry.column for entry in layout.properties]
+    position, velocity, ratio = [], [], []
+    for row, entry in enumerate(layout.properties):
+        whose = entry.column.removesuffix(".velocity")
+        if whose == entry.column or f"{whose}.position" not in columns:
+            continue
+        other = columns.index(f"{whose}.position")
+        of = layout.properties[other]
+        _, mine, theirs = np.intersect1d(entry.channels, of.channels, return_indices=True)
+        velocity += (mine + layout.slice_of(row).start).tolist()
+        position += (theirs + layout.slice_of(other).start).tolist()
+        ratio += (of.std[theirs] / entry.std[mine]).tolist()
+    return np.array(position, dtype=np.int64), np.array(velocity, dtype=np.int64), np.array(ratio, dtype=np.float64)
+
+
+def fit_prior(batches: Iterable[Windows], layout: Layout) -> TemporalPrior:
+    """The prior whose covariances are nearest to those of the windows, by non-negative least squares.
 
     Args:
         batches: Windows of several rates, so that short and long lags are seen.
-        property_of_channel: Which flag of `valid` tells of each channel.
+        layout: What their channels are.
 
     Raises:
         ValueError: If there are none.
     """
-    from scipy.optimize import nnls
-
-    lags, values, weights = [], [], []
+    position, velocity, ratio = derivatives(layout)
+    # Pairs of channels whose covariance is wanted: each with itself, then positions with velocities.
+    left = np.concatenate([np.arange(layout.channels), position])
+    right = np.concatenate([np.arange(layout.channels), velocity])
+    there = torch.as_tensor(layout.property_of_channel.copy())
+    lags, sums, counts = [], [], []
     for windows in batches:
         for rate in torch.unique(windows.rate).tolist():
             rows = windows.rate == rate
-            there = windows.valid[rows][..., torch.as_tensor(property_of_channel.copy())]
-            products, counts = _products(windows.state[rows], there)
-            lags.append(np.arange(len(counts)) / rate)
-            values.append(products)
-            weights.append(counts)
+            present = windows.valid[rows][..., there].double()
+            lag, total, count = _products(windows.state[rows].double() * present, present, left, right)
+            lags.append(lag / rate)
+            sums.append(total)
+            counts.append(count)
     if not lags:
         raise ValueError("prior: expected windows to fit it to, got none")
-    lag, product, count = np.concatenate(lags), np.concatenate(values), np.concatenate(weights)
-    basis = _basis(lag)
-    share = np.empty((product.shape[1], basis.shape[1]))
-    for channel in range(product.shape[1]):
-        seen = count[:, channel] > 0
-        mean = np.where(seen, product[:, channel] / np.maximum(count[:, channel], 1), 0.0)
-        weight = np.sqrt(count[:, channel])
-        share[channel] = nnls(basis * weight[:, None], mean * weight)[0] if seen.any() else 0.0
-        share[channel, -1] += max(0.0, 1e-3 - share[channel].sum())
+    lag, total, count = np.concatenate(lags), np.concatenate(sums), np.concatenate(counts)
+    mean = np.divide(total, count, out=np.zeros_like(total), where=count > 0)
+    weight = np.sqrt(count)
+    own = np.concatenate([_matern(lag), np.exp(-np.abs(lag)[:, None] / np.asarray(SCALES_S)), _white(lag)], axis=1)
+    shares = np.zeros((layout.channels, own.shape[1]))
+    for channel in np.setdiff1d(np.arange(layout.channels), np.concatenate([position, velocity])):
+        shares[channel] = _shares([own], [mean[:, channel]], [weight[:, channel]])
     scales = len(SCALES_S)
-    return TemporalPrior(smooth=share[:, :scales], rough=share[:, scales:-1], white=share[:, -1])
+    derived, across = _matern_variance(lag), _matern_across(lag)
+    for pair, (p, v) in enumerate(zip(position, velocity, strict=True)):
+        nothing = np.zeros_like(own)
+        rest = np.zeros((len(lag), own.shape[1] - scales))
+        rows = [
+            np.concatenate([own, nothing], axis=1),
+            np.concatenate([ratio[pair] ** 2 * derived, rest, own], axis=1),
+            np.concatenate([ratio[pair] * across, rest, nothing], axis=1),
+        ]
+        places = (p, v, layout.channels + pair)
+        found = _shares(rows, [mean[:, k] for k in places], [weight[:, k] for k in places])
+        shares[p], shares[v] = found[: own.shape[1]], found[own.shape[1] :]
+    shares[:, -1] += np.maximum(0.0, LEAST_SHARE - shares.sum(axis=1))
+    return TemporalPrior(
+        smooth=shares[:, :scales],
+        rough=shares[:, scales:-1],
+        white=shares[:, -1],
+        position=position,
+        velocity=velocity,
+        ratio=ratio,
+    )
 
 
-def _products(state: Tensor, there: Tensor) -> tuple[np.ndarray, np.ndarray]:
-    """Sums over pairs of frames at each lag of the products of each channel, and their number."""
-    frames, channels = state.shape[1:]
-    present = there.double()
-    values = state.double() * present
-    products, counts = np.zeros((frames, channels)), np.zeros((frames, channels))
-    for lag in range(frames):
-        products[lag] = (values[:, lag:] * values[:, : frames - lag]).sum((0, 1)).numpy()
-        counts[lag] = (present[:, lag:] * present[:, : frames - lag]).sum((0, 1)).numpy()
-    return products, counts
+def _shares(
+    rows: list[Float[np.ndarray, "lags kernels"]], means: list[np.ndarray], weights: list[np.ndarray]
+) -> Float[np.ndarray, " kernels"]:
+    from scipy.optimize import nnls
+
+    weight = np.concatenate(weights)
+    return nnls(np.concatenate(rows) * weight[:, None], np.concatenate(means) * weight)[0]
 
 
-def _basis(lag: Float[np.ndarray, " lags"]) -> Float[np.ndarray, "lags kernels"]:
+def _products(
+    values: Tensor, present: Tensor, left: np.ndarray, right: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Lags in frames (of the left channel behind the right one), sums of products there, and their numbers."""
+    frames = values.shape[1]
+    lags = np.arange(1 - frames, frames)
+    sums, counts = np.zeros((len(lags), len(left))), np.zeros((len(lags), len(left)))
+    for row, lag in enumerate(lags):
+        late, early = slice(max(lag, 0), frames + min(lag, 0)), slice(max(-lag, 0), frames - max(lag, 0))
+        for source, into in ((values, sums), (present, counts)):
+            into[row] = (source[:, late][..., left] * source[:, early][..., right]).sum((0, 1)).numpy()
+    return lags, sums, counts
+
+
+def _matern(lag: np.ndarray) -> np.ndarray:
+    reach = math.sqrt(3) * np.abs(lag)[:, None] / np.asarray(SCALES_S)
+    return (1 + reach) * np.exp(-reach)
+
+
+def _matern_variance(lag: np.ndarray) -> np.ndarray:
     scale = np.asarray(SCALES_S)
-    reach = np.sqrt(3) * lag[:, None] / scale
-    smooth = (1 + reach) * np.exp(-reach)
-    rough = np.exp(-lag[:, None] / scale)
-    return np.concatenate([smooth, rough, (lag < NO_LAG)[:, None].astype(float)], axis=1)
+    reach = math.sqrt(3) * np.abs(lag)[:, None] / scale
+    return 3 / scale**2 * (1 - reach) * np.exp(-reach)
+
+
+def _matern_across(lag: np.ndarray) -> np.ndarray:
+    """Covariance of a process with its derivative that much earlier."""
+    scale = np.asarray(SCALES_S)
+    return 3 * lag[:, None] / scale**2 * np.exp(-math.sqrt(3) * np.abs(lag)[:, None] / scale)
+
+
+def _white(lag: np.ndarray) -> np.ndarray:
+    return (np.abs(lag) < NO_LAG)[:, None].astype(float)
 
 
 class Preconditioner(nn.Module):
-    """The prior on a device."""
+    """The prior on a device; in double precision, whatever the model's."""
 
     def __init__(self, prior: TemporalPrior) -> None:
         super().__init__()
+        self.paired = len(prior.position) > 0
+        single = np.setdiff1d(np.arange(len(prior.white)), np.concatenate([prior.position, prior.velocity]))
+        # Channels in the order: those alone, positions, velocities; and back.
+        order = np.concatenate([single, prior.position, prior.velocity])
+        self.singles = len(single)
+        values = {
+            **{name: getattr(prior, name) for name in _ARRAYS},
+            "scales": np.asarray(SCALES_S),
+            "order": order,
+            "back": np.argsort(order),
+        }
+        self.kept = tuple(values)
         self.smooth: Tensor
         self.rough: Tensor
         self.white: Tensor
+        self.ratio: Tensor
         self.scales: Tensor
-        self.register_buffer("smooth", torch.as_tensor(prior.smooth.copy()), persistent=False)
-        self.register_buffer("rough", torch.as_tensor(prior.rough.copy()), persistent=False)
-        self.register_buffer("white", torch.as_tensor(prior.white.copy()), persistent=False)
-        self.register_buffer("scales", torch.tensor(SCALES_S, dtype=torch.float64), persistent=False)
+        self.order: Tensor
+        self.back: Tensor
+        for name, value in values.items():
+            self.register_buffer(name, torch.as_tensor(np.array(value)), persistent=False)
 
-    def _apply(self, fn, recurse: bool = True):  # type: ignore[override]
-        """Move to a device, but stay in double precision."""
-        kept = {name: getattr(self, name) for name in ("smooth", "rough", "white", "scales")}
+    def _apply(self, fn, recurse: bool = True):
+        kept = {name: getattr(self, name) for name in self.kept}
         super()._apply(fn, recurse)
         for name, value in kept.items():
             setattr(self, name, value.to(getattr(self, name).device))
         return self
 
-    def covariance(self, frames: int, rate: Float[Tensor, " B"]) -> Float[Tensor, "B C T T"]:
-        """Of the channels of windows of that length."""
+    def covariance(
+        self, frames: int, rate: Float[Tensor, " B"]
+    ) -> tuple[Float[Tensor, "B singles T T"], Float[Tensor, "B pairs 2*T 2*T"]]:
+        """Of the channels alone, and of positions with their velocities (first all frames of the position)."""
         times = torch.arange(frames, device=rate.device, dtype=torch.float64)
-        lag = (times[:, None] - times).abs()[None] / rate.double()[:, None, None]
-        reach = math.sqrt(3) * lag[..., None] / self.scales
-        smooth = ((1 + reach) * torch.exp(-reach)) @ self.smooth.T
-        rough = torch.exp(-lag[..., None] / self.scales) @ self.rough.T
-        covariance = (smooth + rough).permute(0, 3, 1, 2)
-        return covariance + self.white[:, None, None] * torch.eye(frames, dtype=torch.float64, device=rate.device)
+        lag = (times[:, None] - times)[None] / rate.double()[:, None, None]
+        reach = math.sqrt(3) * lag.abs()[..., None] / self.scales
+        fall = torch.exp(-reach)
+        smooth, rough = self.smooth[self.order].T, self.rough[self.order].T
+        own = ((1 + reach) * fall) @ smooth + torch.exp(-lag.abs()[..., None] / self.scales) @ rough
+        own = own.permute(0, 3, 1, 2)
+        own = own + self.white[self.order][:, None, None] * torch.eye(frames, dtype=own.dtype, device=own.device)
+        pairs = (own.shape[1] - self.singles) // 2
+        alone, position, velocity = own.split((self.singles, pairs, pairs), dim=1)
+        of = smooth[:, self.singles : self.singles + pairs]
+        derived = ((1 - reach) * fall) @ (3 / self.scales[:, None] ** 2 * of * self.ratio**2)
+        across = (lag[..., None] * fall) @ (3 / self.scales[:, None] ** 2 * of * self.ratio)
+        velocity = velocity + derived.permute(0, 3, 1, 2)
+        across = across.permute(0, 3, 1, 2)
+        upper = torch.cat([position, across], dim=-1)
+        lower = torch.cat([across.transpose(-1, -2), velocity], dim=-1)
+        return alone, torch.cat([upper, lower], dim=-2)
 
     def forward(
         self,
@@ -154,7 +266,7 @@ class Preconditioner(nn.Module):
         rate: Float[Tensor, " B"],
         log_snr: Float[Tensor, " B"],
     ) -> tuple[Float[Tensor, "B T C"], Float[Tensor, "B T C"]]:
-        """Expected clean states and their standard deviation, given known values and noisy ones.
+        """Expected clean states and the standard deviation of the truth from them, given known values and noisy ones.
 
         Args:
             x: Known values where given, alpha x0 + sigma noise elsewhere.
@@ -164,15 +276,35 @@ class Preconditioner(nn.Module):
             log_snr: Of the noise.
         """
         alpha, sigma = (share.double()[:, None, None] for share in alpha_sigma(log_snr))
-        gain = torch.where(given, 1.0, torch.where(valid, alpha, 0.0)).transpose(1, 2)
-        noise = torch.where(given, KNOWN_VARIANCE, torch.where(valid, sigma.square(), 1.0)).transpose(1, 2)
-        covariance = self.covariance(x.shape[1], rate)
-        seen = gain[..., None] * covariance
-        total = seen * gain[..., None, :] + torch.diag_embed(noise.clamp(min=KNOWN_VARIANCE))
-        factor = torch.linalg.cholesky(total)
-        half = torch.linalg.solve_triangular(factor, seen, upper=False)
-        told = torch.linalg.solve_triangular(factor, x.double().transpose(1, 2)[..., None], upper=False)
-        mean = (half.transpose(-1, -2) @ told)[..., 0]
-        variance = covariance.diagonal(dim1=-2, dim2=-1) - half.square().sum(-2)
+        gain = torch.where(given, 1.0, torch.where(valid, alpha, 0.0))
+        noise = torch.where(given, KNOWN_VARIANCE, torch.where(valid, sigma.square(), 1.0)).clamp(min=KNOWN_VARIANCE)
+        values, gain, noise = (part.transpose(1, 2)[:, self.order] for part in (x.double(), gain, noise))
+        alone, together = self.covariance(x.shape[1], rate)
+        mean, variance = _posterior(alone, *(part[:, : self.singles] for part in (values, gain, noise)))
+        if self.paired:
+            # Of each pair the frames of the position, then those of the velocity.
+            joint = [
+                part[:, self.singles :].unflatten(1, (2, -1)).transpose(1, 2).flatten(2)
+                for part in (values, gain, noise)
+            ]
+            both = [part.unflatten(2, (2, -1)).transpose(1, 2).flatten(1, 2) for part in _posterior(together, *joint)]
+            mean, variance = torch.cat([mean, both[0]], dim=1), torch.cat([variance, both[1]], dim=1)
         doubt = (variance.clamp(min=0) + LEAST_DOUBT**2).sqrt()
-        return mean.transpose(1, 2).to(x.dtype), doubt.transpose(1, 2).to(x.dtype)
+        mean, doubt = mean[:, self.back].transpose(1, 2), doubt[:, self.back].transpose(1, 2)
+        return mean.to(x.dtype), doubt.to(x.dtype)
+
+
+def _posterior(
+    covariance: Float[Tensor, "B G S S"],
+    values: Float[Tensor, "B G S"],
+    gain: Float[Tensor, "B G S"],
+    noise: Float[Tensor, "B G S"],
+) -> tuple[Float[Tensor, "B G S"], Float[Tensor, "B G S"]]:
+    """Mean and variance of processes of which `gain` times themselves, with that variance of noise, was seen."""
+    seen = gain[..., None] * covariance
+    total = seen * gain[..., None, :] + torch.diag_embed(noise)
+    factor = torch.linalg.cholesky(total)
+    half = torch.linalg.solve_triangular(factor, seen, upper=False)
+    told = torch.linalg.solve_triangular(factor, values[..., None], upper=False)
+    mean = (half.transpose(-1, -2) @ told)[..., 0]
+    return mean, covariance.diagonal(dim1=-2, dim2=-1) - half.square().sum(-2)

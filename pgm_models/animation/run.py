@@ -214,7 +214,7 @@ def _prior(store: StateStore, matches: tuple[str, ...], rates: tuple[float, floa
             frames=PRIOR_FRAMES, batch=PRIOR_WINDOWS, rates=(0.9 * rate, 1.1 * rate), seed=7, matches=matches
         )
         batches.append(WindowSource(store, options, None).batch(0))
-    return fit_prior(batches, store.layout.property_of_channel)
+    return fit_prior(batches, store.layout)
 
 
 def _fitted(dataset: Path, cache: Path, show: Callable[[str], None]) -> Layout:

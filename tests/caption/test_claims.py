@@ -185,7 +185,7 @@ HITS = {"np_volley": "hit_volley", "np_slice": "hit_slice", "np_lob": "hit_lob",
 def test_every_sentence_about_a_hit_is_read_as_it_was_meant(grammar):
     random_ = np.random.default_rng(3)
     strokes, targets = (SIM_STROKES, SIM_TARGETS) if grammar == "simulator" else (OUR_STROKES, OUR_TARGETS)
-    for seed in range(500):
+    for seed in range(500 if grammar == "simulator" else 100):
         np_, to, way = (str(random_.choice(list(options))) for options in (strokes, targets, WAYS))
         side, ts = (str(random_.choice(["left", "right"])) for _ in range(2))
         fb = str(random_.choice(["forehand", "backhand"]))
@@ -212,7 +212,7 @@ def test_every_sentence_about_a_hit_is_read_as_it_was_meant(grammar):
 
 @pytest.mark.parametrize("grammar", ["simulator", "data"])
 def test_what_the_opponent_hits_and_what_is_prepared_is_no_claim(grammar):
-    for seed in range(300):
+    for seed in range(300 if grammar == "simulator" else 100):
         fb = ("forehand", "backhand")[seed % 2]
         stroke = ("volley", "smash", "lob", "drop")[seed % 4]
         slots = {"fb": fb, "ofb": fb, "nth": "second", "onp": f"{{onp_{stroke}}}", "o": "{o_hit}", "m": "{still}"}

@@ -6,7 +6,7 @@ import torch
 from pgm_models.animation.layout import Constant, Layout, Property
 from pgm_models.animation.model import AnimationModel, ModelOptions
 from pgm_models.animation.presets import DESIGNS, PRESETS
-from pgm_models.animation.prior import SCALES_S, TemporalPrior
+from pgm_models.animation.prior import SCALES_S, TemporalPrior, derivatives
 from pgm_models.animation.windows import Windows
 
 
@@ -51,7 +51,15 @@ def toy_prior(layout: Layout) -> TemporalPrior:
     none = np.zeros((layout.channels, len(SCALES_S)))
     smooth = none.copy()
     smooth[:, SCALES_S.index(1.0)] = 0.9
-    return TemporalPrior(smooth=smooth, rough=none, white=np.full(layout.channels, 0.1))
+    position, velocity, ratio = derivatives(layout)
+    return TemporalPrior(
+        smooth=smooth,
+        rough=none,
+        white=np.full(layout.channels, 0.1),
+        position=position,
+        velocity=velocity,
+        ratio=ratio,
+    )
 
 
 def toy_model(layout: Layout | None = None, design: str = "ours", frames: int = 8) -> AnimationModel:
