@@ -2,8 +2,10 @@
 
 import json
 import tempfile
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -16,7 +18,7 @@ if TYPE_CHECKING:
     from pgm_models.animation.evaluate_run import RunEvaluationOptions
 
 NOTHING_USABLE = 4
-CACHE, PARTS = "cache", "tasks"
+CACHE, PARTS, WORDS = "cache", "tasks", "words.json"
 """Folders in the output: what is computed once from the dataset, and the results of finished tasks."""
 
 OPTIONS = {"dataset": "DATASET", "task": "--tasks", **{name: f"--{name}" for name in ("reference", "split", "device")}}
@@ -62,6 +64,8 @@ class EvaluateCommand:
     """Length of windows; the model's unless given."""
     rate: float = 4.0
     """Frames a second of the windows."""
+    words: int = 256
+    """Windows about hits in which strokes and targets are held against the captions; 0 for none."""
     physics_rate: float | None = None
     """Frames a second at which physics is judged besides; the data's own unless given, 0 for none."""
     batch: int = 64
@@ -110,7 +114,9 @@ def main(argv: list[str]) -> int:
         try:
             options = _options(command, cache)
             parts = command.out / PARTS if command.out is not None else None
-            result = evaluate_run(options, parts, show=lambda line: progress.update(line, float("nan")))
+            show = partial(_shown, progress)
+            result = evaluate_run(options, parts, show=show)
+            words = _words(command, options, show)
         except TooFewWindows as error:
             print_error(str(error))
             return NOTHING_USABLE
@@ -120,13 +126,48 @@ def main(argv: list[str]) -> int:
         progress.close()
         if command.out is not None:
             write_evaluation(command.out, command.run.name, result)
-        print(
-            json.dumps(result_to_json(result), indent=1)
-            if command.json
-            else evaluation_text({command.run.name: [result]}),
-            end="\n" if command.json else "",
-        )
+        told = {} if words is None else words
+        if command.json:
+            print(json.dumps({**result_to_json(result), "words": told}, indent=1))
+        else:
+            print(evaluation_text({command.run.name: [result]}), end="")
+            if told:
+                print(f"\n{told['table']}")
     return 0
+
+
+def _shown(progress: Progress, line: str) -> None:
+    progress.update(line, float("nan"))
+
+
+def _words(
+    command: EvaluateCommand, options: "RunEvaluationOptions", show: Callable[[str], None]
+) -> dict[str, object] | None:
+    """How words were kept, as JSON values with a table; from an earlier run where that is gone on with."""
+    from pgm_data.dataset.files import whole_file
+    from pgm_models.animation.agreement_result import agreement_table, agreement_to_json
+    from pgm_models.animation.evaluate_words import WordsOptions, evaluate_words
+
+    kept = command.out / PARTS / WORDS if command.out is not None else None
+    asked = {"windows": command.words, "steps": command.steps, "guidance": command.guidance, "seed": command.seed}
+    if kept is not None and command.resume and kept.is_file():
+        found = json.loads(kept.read_text(encoding="utf-8"))
+        if found.get("asked") == asked:
+            return found
+    result = evaluate_words(options, WordsOptions(windows=command.words), show) if command.words else None
+    if result is None:
+        return None
+    tables = [
+        f"{title}\n\n{agreement_table(result, kind=kind)}"
+        for kind, title in (("all", "All hits: percent that agree with their captions"), ("rally", "Without serves"))
+    ]
+    told = {"asked": asked, **agreement_to_json(result), "table": "\n\n".join(tables) + "\n"}
+    if command.out is not None and kept is not None:
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        for path, text in ((kept, json.dumps(told, indent=1)), (command.out / "words.md", str(told["table"]))):
+            with whole_file(path) as temporary:
+                temporary.write_text(text, encoding="utf-8")
+    return told
 
 
 def _options(command: EvaluateCommand, cache: Path) -> "RunEvaluationOptions":

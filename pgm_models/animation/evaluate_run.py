@@ -116,15 +116,24 @@ def evaluate_run(
     return merged(found)
 
 
-def _matches(options: RunEvaluationOptions) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Matches that are scored, and others: those that are learned from, where there are such."""
+def scored_matches(options: RunEvaluationOptions) -> tuple[str, ...]:
+    """Matches that are scored.
+
+    Raises:
+        ValueError: If the dataset has no such split.
+    """
     episodes = read_episodes(options.dataset)
     every = tuple(sorted(set(episodes.matches)))
     splits = [split for split in ("test", "val", "train") if split in episodes.splits]
     split = options.split or next((name for name in ("test", "val") if name in splits), "all")
     if split != "all" and split not in splits:
         raise ValueError(f"split: expected one of {', '.join(splits)}, all, got {split!r}")
-    scored = every if split == "all" else split_matches(options.dataset, split)
+    return every if split == "all" else split_matches(options.dataset, split)
+
+
+def _matches(options: RunEvaluationOptions) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Matches that are scored, and others: those that are learned from, where there are such."""
+    scored = scored_matches(options)
     elsewhere = options.dataset if options.reference is None else options.reference
     there = read_episodes(elsewhere)
     others = {match: part for match, part in zip(there.matches, there.splits, strict=True) if match not in set(scored)}

@@ -1,0 +1,174 @@
+"""Stances of feet in motion that is noisy: when a foot is meant to stand, and where its sole rests meanwhile."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from pgm_data.lift.players.contact import ContactLaw, contact_probability
+
+SLOW_SHARE = 0.25
+"""Share of the time in which a foot is taken to be slow: how slow says how fast a standing foot may seem."""
+SPEEDS = (0.25, 1.2)
+"""Least and most that a standing foot may seem to move, standard deviation of each component, m/s."""
+SMOOTHED_S = 0.1
+"""Most to either side over which places are averaged before speeds are taken."""
+LOWEST_M = 0.01
+"""Height difference over which the points of a sole share in its speed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stance:
+    """A foot that stands."""
+
+    foot: int
+    """0 left, 1 right."""
+    first: int
+    """Frame."""
+    last: int
+    """Frame, inclusive."""
+
+    @property
+    def frames(self) -> slice:
+        """Of the stance."""
+        return slice(self.first, self.last + 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StanceOptions:
+    """What counts as a stance."""
+
+    stays_s: float = 0.15
+    """Mean time that a foot stands, or swings."""
+    share: float = 0.55
+    """Of the time that feet stand."""
+    gap_s: float = 0.05
+    """Shorter breaks in a stance are closed where the foot returns to where it was, seconds."""
+    drift_m: float = 0.35
+    """A stance that strays further in all is taken as several steps."""
+    step_s: float = 0.12
+    """Time between those."""
+
+
+def noisy_floor(height: Float[np.ndarray, "frames feet"]) -> float:
+    """How far heights of soles over the ground err, metres: what is below it must be an error."""
+    return float(np.sqrt(np.mean(np.minimum(height, 0.0) ** 2)))
+
+
+def stances(
+    soles: Float[np.ndarray, "frames points 3"],
+    times: Float[np.ndarray, " frames"],
+    floor_z: float,
+    error_m: float,
+    options: StanceOptions,
+    foot: int,
+) -> list[Stance]:
+    """The stances of one foot.
+
+    Low and slow against the rest of its motion: the slower quarter of the time says how much a standing foot seems to
+    move, soles below the ground how far heights err; a hidden Markov model of two states then tells them apart.
+
+    Args:
+        soles: Points of the sole, world metres.
+        times: s, rising.
+        floor_z: Height of the ground.
+        error_m: Of heights.
+        options: What counts.
+        foot: Its number.
+    """
+    height = soles[..., 2].min(axis=1) - floor_z
+    weight = np.exp(-(soles[..., 2] - soles[..., 2].min(axis=1, keepdims=True)) / (LOWEST_M + error_m))
+    velocity = _velocity(soles[..., :2], weight / weight.sum(axis=1, keepdims=True), times)
+    slow = float(np.quantile(np.linalg.norm(velocity, axis=1), SLOW_SHARE)) if len(velocity) else 0.0
+    planted = float(np.clip(slow, *SPEEDS))
+    fast = float(np.sqrt(np.mean(velocity**2))) if len(velocity) else 0.0
+    law = ContactLaw(
+        planted_height_m=float(np.hypot(0.012, 1.5 * error_m)),
+        free_height_m=0.15 + error_m,
+        planted_speed=planted,
+        free_speed=max(1.5, 1.5 * fast, 1.5 * planted),
+        stays_s=options.stays_s,
+        planted=options.share,
+    )
+    stands = contact_probability(
+        law,
+        height=np.where(height < 0, 0.0, height),
+        height_var=np.zeros(len(times)),
+        velocity=velocity,
+        velocity_cov=np.zeros((len(velocity), 2, 2)),
+        times=times,
+    )
+    level = soles[..., :2].mean(axis=1)
+    found = _closed(runs(stands > 0.5), level, times, options)
+    pieces = [piece for run in found for piece in _steps(run, level, times, options)]
+    return [Stance(foot=foot, first=first, last=last) for first, last in pieces]
+
+
+def runs(flags: Bool[np.ndarray, " frames"]) -> list[tuple[int, int]]:
+    """First and last frame of each unbroken stretch of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
+    return [(int(first), int(end) - 1) for first, end in edges.reshape(-1, 2)]
+
+
+def averaged(values: Float[np.ndarray, "frames n"], half: int) -> Float[np.ndarray, "frames n"]:
+    """Means over so many frames to either side, as many as there are on both at the ends."""
+    if half == 0 or len(values) < 3:
+        return values
+    sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
+    index = np.arange(len(values))
+    reach = np.minimum(half, np.minimum(index, len(values) - 1 - index))
+    return (sums[index + reach + 1] - sums[index - reach]) / (2 * reach + 1)[:, None]
+
+
+def _velocity(
+    level: Float[np.ndarray, "frames points 2"],
+    weight: Float[np.ndarray, "frames points"],
+    times: Float[np.ndarray, " frames"],
+) -> Float[np.ndarray, "intervals 2"]:
+    """Of the lowest points of a sole, m/s; smoothed no more than it takes until slow phases are slow."""
+    frames, points, _ = level.shape
+    if frames < 2:
+        return np.zeros((0, 2))
+    step = np.diff(times)
+    most = int(SMOOTHED_S / float(np.median(step)) + 1e-6)
+    shares = 0.5 * (weight[1:] + weight[:-1])
+    velocity = np.zeros((frames - 1, 2))
+    for half in range(most + 1):
+        placed = averaged(level.reshape(frames, -1), half).reshape(frames, points, 2)
+        velocity = (shares[..., None] * np.diff(placed, axis=0)).sum(axis=1) / step[:, None]
+        if np.quantile(np.linalg.norm(velocity, axis=1), SLOW_SHARE) < SPEEDS[0]:
+            break
+    return velocity
+
+
+def _closed(
+    found: list[tuple[int, int]], level: np.ndarray, times: np.ndarray, options: StanceOptions
+) -> list[tuple[int, int]]:
+    """Stances whose breaks are too short to be a swing, joined."""
+    joined: list[tuple[int, int]] = []
+    for first, last in found:
+        if joined:
+            before = joined[-1]
+            short = times[first] - times[before[1]] <= options.gap_s + 1.5 * float(np.median(np.diff(times)))
+            near = np.linalg.norm(level[first] - level[before[1]]) < options.drift_m / 4
+            if short and near and first - before[1] <= 3:
+                joined[-1] = (before[0], last)
+                continue
+        joined.append((first, last))
+    return joined
+
+
+def _steps(
+    run: tuple[int, int], level: np.ndarray, times: np.ndarray, options: StanceOptions
+) -> list[tuple[int, int]]:
+    """The stance, or several of even length with time for a step between where it strays too far."""
+    first, last = run
+    own = level[first : last + 1]
+    strays = float(np.linalg.norm(own.max(axis=0) - own.min(axis=0)))
+    count = int(np.ceil(strays / options.drift_m))
+    if count < 2:
+        return [run]
+    gap = max(1, round(options.step_s / float(np.median(np.diff(times)))))
+    count = min(count, max(1, (last - first + 1 + gap) // (gap + 2)))
+    edges = np.round(np.linspace(first, last + 1 + gap, count + 1)).astype(int)
+    return [(int(edges[k]), int(edges[k + 1]) - 1 - gap) for k in range(count)]
