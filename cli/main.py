@@ -130,7 +130,7 @@ def help_text() -> str:
     lines = [
         "usage: pgm VERB [options]        pgm VERB --help        pgm --version",
         "",
-        "From sports video to scenes in metres.",
+        "From sports video to scenes in metres, and to models that learn from them.",
         "",
         *(f"  {name:<{width}}  {verb.summary}" for name, verb in VERBS.items()),
         "",

@@ -49,7 +49,10 @@ def test_every_command_says_its_version(name: str) -> None:
     assert not loaded & HEAVY
 
 
-NEEDED = dict.fromkeys(("ball3d", "view", "players", "caption", "pack", "stats"), ("work",))
+NEEDED = dict.fromkeys(("ball3d", "view", "players", "caption", "pack", "stats"), ("work",)) | {
+    "animate": ("run", "--prompt", "prompt.json", "--out", "work"),
+    "evaluate": ("run", "dataset"),
+}
 """Arguments that a verb does not go without."""
 
 

@@ -84,8 +84,8 @@ def test_the_code_that_a_verb_returns_is_the_exit_code(verb: Verb) -> None:
 
 
 def test_an_unknown_verb_is_a_usage_error_that_names_near_ones(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main.run(["calibrte"]) == 2
-    assert "got 'calibrte'; did you mean calibrate?" in capsys.readouterr().err
+    assert main.run(["calibrat"]) == 2
+    assert "got 'calibrat'; did you mean calibrate" in capsys.readouterr().err
 
 
 def test_no_verb_at_all_prints_the_help_and_is_a_usage_error(capsys: pytest.CaptureFixture[str]) -> None:
