@@ -52,6 +52,8 @@ class AnimateCommand:
     """Rate of the first stage of long sequences, frames a second; unless given, what lets one window span it all."""
     keep: int | None = None
     """Frames that a window keeps when it is shifted along a sequence; half a window unless given."""
+    settle: bool = True
+    """Bring feet and ball onto what they can do: standing feet rest, and the ball flies as gravity and air have it."""
     camera: Path | None = None
     """CAMERA.json of a fixed camera; unless given, the scene's usual view."""
     scene: str = ""
@@ -170,7 +172,9 @@ def _work(command: AnimateCommand, model: "AnimationModel", digest: str) -> "Ani
         prompts=command.prompt,
         plays=command.plays,
         seed=command.seed,
-        options=GenerateOptions(sample=sample, keep=command.keep, keyframe_hz=command.keyframe_hz),
+        options=GenerateOptions(
+            sample=sample, keep=command.keep, keyframe_hz=command.keyframe_hz, settle=command.settle
+        ),
         model_sha256=digest,
         camera=command.camera,
     )

@@ -9,8 +9,12 @@ from pgm_data.lift.players.contact import ContactLaw, contact_probability
 
 SLOW_SHARE = 0.25
 """Share of the time in which a foot is taken to be slow: how slow says how fast a standing foot may seem."""
-SPEEDS = (0.25, 1.2)
+SPEEDS = (0.25, 2.0)
 """Least and most that a standing foot may seem to move, standard deviation of each component, m/s."""
+FURTHEST_M = 0.25
+"""Most that a standing foot may seem to move between frames."""
+ERRING_M = 0.02
+"""Error of heights of motion that is not to be trusted with what touches the ground."""
 SMOOTHED_S = 0.1
 """Most to either side over which places are averaged before speeds are taken."""
 LOWEST_M = 0.01
@@ -44,15 +48,32 @@ class StanceOptions:
     """Of the time that feet stand."""
     gap_s: float = 0.05
     """Shorter breaks in a stance are closed where the foot returns to where it was, seconds."""
-    drift_m: float = 0.35
-    """A stance that strays further in all is taken as several steps."""
-    step_s: float = 0.12
+    drift_m: float = 0.45
+    """A stance that strays further in all is taken as several steps, however much heights err."""
+    steady_drift_m: float = 0.08
+    """The same of motion whose heights do not err."""
+    step_s: float = 0.08
     """Time between those."""
 
 
-def noisy_floor(height: Float[np.ndarray, "frames feet"]) -> float:
-    """How far heights of soles over the ground err, metres: what is below it must be an error."""
-    return float(np.sqrt(np.mean(np.minimum(height, 0.0) ** 2)))
+def height_error(
+    soles: Float[np.ndarray, "feet frames points 3"], times: Float[np.ndarray, " frames"], floor_z: float
+) -> float:
+    """How far heights of soles over the ground err, metres.
+
+    What is below it must be an error; and where no foot is ever slow, heights are not to be trusted either.
+    """
+    below = np.minimum(soles[..., 2].min(axis=-1) - floor_z, 0.0)
+    seen = float(np.sqrt(np.mean(below**2)))
+    if len(times) < 2:
+        return seen
+    slow = min(_slow(_velocity(foot[..., :2], np.full(foot.shape[:2], 1 / foot.shape[1]), times)) for foot in soles)
+    return max(seen, ERRING_M * float(np.clip(slow / SPEEDS[0] - 1.0, 0.0, 1.0)))
+
+
+def _slow(velocity: Float[np.ndarray, "intervals 2"]) -> float:
+    """Speed in the slower part of the time, m/s."""
+    return float(np.quantile(np.linalg.norm(velocity, axis=1), SLOW_SHARE)) if len(velocity) else 0.0
 
 
 def stances(
@@ -79,8 +100,8 @@ def stances(
     height = soles[..., 2].min(axis=1) - floor_z
     weight = np.exp(-(soles[..., 2] - soles[..., 2].min(axis=1, keepdims=True)) / (LOWEST_M + error_m))
     velocity = _velocity(soles[..., :2], weight / weight.sum(axis=1, keepdims=True), times)
-    slow = float(np.quantile(np.linalg.norm(velocity, axis=1), SLOW_SHARE)) if len(velocity) else 0.0
-    planted = float(np.clip(slow, *SPEEDS))
+    step = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
+    planted = float(np.clip(_slow(velocity), SPEEDS[0], max(SPEEDS[0], min(SPEEDS[1], FURTHEST_M / step))))
     fast = float(np.sqrt(np.mean(velocity**2))) if len(velocity) else 0.0
     law = ContactLaw(
         planted_height_m=float(np.hypot(0.012, 1.5 * error_m)),
@@ -99,8 +120,12 @@ def stances(
         times=times,
     )
     level = soles[..., :2].mean(axis=1)
-    found = _closed(runs(stands > 0.5), level, times, options)
-    pieces = [piece for run in found for piece in _steps(run, level, times, options)]
+    drift = min(options.drift_m, options.steady_drift_m + 6 * error_m)
+    level = averaged(level, 1) if error_m > options.steady_drift_m / 8 else level
+    found = _closed(runs(stands > 0.5), level, times, drift, options)
+    gap = max(int(options.step_s / step + 0.5), int(error_m >= ERRING_M))
+    least = 2 if step < options.step_s else 1
+    pieces = [piece for run in found for piece in _steps(run, level, drift, gap, least)]
     return [Stance(foot=foot, first=first, last=last) for first, last in pieces]
 
 
@@ -136,13 +161,13 @@ def _velocity(
     for half in range(most + 1):
         placed = averaged(level.reshape(frames, -1), half).reshape(frames, points, 2)
         velocity = (shares[..., None] * np.diff(placed, axis=0)).sum(axis=1) / step[:, None]
-        if np.quantile(np.linalg.norm(velocity, axis=1), SLOW_SHARE) < SPEEDS[0]:
+        if _slow(velocity) < SPEEDS[0]:
             break
     return velocity
 
 
 def _closed(
-    found: list[tuple[int, int]], level: np.ndarray, times: np.ndarray, options: StanceOptions
+    found: list[tuple[int, int]], level: np.ndarray, times: np.ndarray, drift: float, options: StanceOptions
 ) -> list[tuple[int, int]]:
     """Stances whose breaks are too short to be a swing, joined."""
     joined: list[tuple[int, int]] = []
@@ -150,7 +175,7 @@ def _closed(
         if joined:
             before = joined[-1]
             short = times[first] - times[before[1]] <= options.gap_s + 1.5 * float(np.median(np.diff(times)))
-            near = np.linalg.norm(level[first] - level[before[1]]) < options.drift_m / 4
+            near = np.linalg.norm(level[first] - level[before[1]]) < drift
             if short and near and first - before[1] <= 3:
                 joined[-1] = (before[0], last)
                 continue
@@ -159,16 +184,22 @@ def _closed(
 
 
 def _steps(
-    run: tuple[int, int], level: np.ndarray, times: np.ndarray, options: StanceOptions
+    run: tuple[int, int], level: Float[np.ndarray, "frames 2"], drift: float, gap: int, least: int
 ) -> list[tuple[int, int]]:
-    """The stance, or several of even length with time for a step between where it strays too far."""
+    """The stance, or several with so many frames between them where it strays too far: cut where that fits best."""
     first, last = run
     own = level[first : last + 1]
-    strays = float(np.linalg.norm(own.max(axis=0) - own.min(axis=0)))
-    count = int(np.ceil(strays / options.drift_m))
-    if count < 2:
+    count = len(own)
+    if count < 2 or np.linalg.norm(own.max(axis=0) - own.min(axis=0)) <= drift:
         return [run]
-    gap = max(1, round(options.step_s / float(np.median(np.diff(times)))))
-    count = min(count, max(1, (last - first + 1 + gap) // (gap + 2)))
-    edges = np.round(np.linspace(first, last + 1 + gap, count + 1)).astype(int)
-    return [(int(edges[k]), int(edges[k + 1]) - 1 - gap) for k in range(count)]
+    sums = np.cumsum(own, axis=0)[:-1]
+    before = np.arange(1, count)[:, None]
+    apart = sums / before - (sums[-1] + own[-1] - sums) / (count - before)
+    cut = first + 1 + int(np.argmax((before * (count - before))[:, 0] * (apart**2).sum(axis=1)))
+    left, right = (first, cut - 1 - gap // 2), (cut + (gap - gap // 2), last)
+    return [
+        piece
+        for side in (left, right)
+        if side[1] - side[0] + 1 >= least
+        for piece in _steps(side, level, drift, gap, least)
+    ]

@@ -7,7 +7,7 @@ in each window that holds its frame, at that frame: to the first stage where its
 last frame of each fixed stretch are unless they lie too near to another one, and otherwise to the second stage alone.
 A goal that lies beyond a window of the first stage is not seen by it, but by a later one: that begins where one window
 does not span the sequence at the lowest rate of the training, or at the rate that is asked for. In what comes back,
-fixed values are the prompt's own to the bit.
+fixed values are the prompt's own to the bit; at the end the rest is settled: feet that stand rest, and balls fly.
 """
 
 from collections.abc import Callable
@@ -18,13 +18,14 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from pgm_data.scene import Scene
+from pgm_data.scene import Scene, load_scene
 from pgm_models.animation.encode import continuous_known, decode, standardise, unstandardise
 from pgm_models.animation.keyframes import Pieces, Plan, plan_of
 from pgm_models.animation.layout import Layout
 from pgm_models.animation.model import AnimationModel
 from pgm_models.animation.prompt import Given, Prompt, given_by
 from pgm_models.animation.sample import Fill, SampleOptions, filler
+from pgm_models.animation.settle import settled
 from pgm_models.animation.tangents import nearest_equal
 from pgm_models.animation.windows import Windows
 
@@ -45,6 +46,8 @@ class GenerateOptions:
     """Frames that a window keeps when it is shifted along; half of them where None."""
     keyframe_hz: float | None = None
     """Rate of the first stage, frames a second; where None, what lets one window span the sequence."""
+    settle: bool = True
+    """Whether feet and ball are brought onto what they can do (see `settle`)."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -67,7 +70,9 @@ class Play:
     constants: Float[np.ndarray, " constants"]
     """Standardised."""
     columns: dict[str, Float[np.ndarray, "frames _"]]
-    """Of the contract, in its units; joints follow from the others."""
+    """Of the contract, in its units, settled; joints follow from the others."""
+    settled: tuple[str, ...]
+    """How far they were moved for that from what the states say."""
     plan: Plan
     """In what order the frames were made."""
     warnings: tuple[str, ...]
@@ -112,13 +117,19 @@ def generate(
     )
     words = words_of(model, given.texts)
     state = fill_sequence(filler(model, options.sample), given, words, plan, model.layout, generator, said)
-    columns = decode(model.layout, state, given.constants, scene=scene)
+    columns, notes = decode(model.layout, state, given.constants, scene=scene), ()
+    if options.settle:
+        known = {entry.column: given.known[:, row] for row, entry in enumerate(model.layout.properties)}
+        times = np.arange(len(state)) / prompt.rate
+        found = settled(columns, known, times, load_scene(model.layout.scene) if scene is None else scene)
+        columns, notes = found.columns, found.notes
     return Play(
         prompt=prompt,
         state=state,
         known=given.known,
         constants=given.constants,
         columns=columns,
+        settled=notes,
         plan=plan,
         warnings=(*rate_warnings(plan, model.options.rates), *unheld_values(prompt, columns)),
     )

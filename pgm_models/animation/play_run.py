@@ -166,6 +166,7 @@ def _make(
         "first_stage_frames": len(play.plan.levels[0]),
         "first_stage_hz": play.plan.keyframe_rate,
         "generation_s": seconds,
+        "settled": list(play.settled),
         "warnings": [*play.warnings, *implausible(folder, scene)],
     }
 

@@ -23,6 +23,10 @@ from pgm_models.animation.settle_breaks import (
 )
 from pgm_models.animation.settle_flights import Air, Joined, joined_flights, states_at
 
+LASTING_S = 0.15
+"""How long errors may last that neighbouring frames share, s."""
+MOST_ERRORS = 4.0
+"""A miss of so many of a path's errors is none of them."""
 SPEED_M_S = 25.0
 """Speed at which the size of a flight's turn is reckoned, m/s."""
 
@@ -68,7 +72,7 @@ class SettleBallOptions:
     known_m_s: float = 1.5
     """Farthest that its velocity may be from a known one, m/s."""
     moved_m: float = 3.0
-    """A flight that is farther than this from the middle one of its frames fits none of them, metres."""
+    """A flight that is farther than this (or four errors) from most of its frames fits none of them, metres."""
     rounds: int = 3
     """How often flights are looked for, each time with the errors of the last."""
     steps: int = 6
@@ -125,13 +129,13 @@ class SettledBall:
     moved_m: Float[np.ndarray, " T"]
     """How far each place was moved, metres."""
     status: Shaped[np.ndarray, " T"]
-    """`flight`, `ground` (lies or rolls), `held` (by a player, as it was made), or `left`: as it was made, since no flight fits."""
+    """`flight`, `ground` (lies or rolls), `held` (by a player: as it was made), or `left` (as it was made, since no
+    flight fits)."""
     contact_time: Float[np.ndarray, " contacts"]
     """Seconds, ascending."""
     contact_kind: Shaped[np.ndarray, " contacts"]
-    """`bounce`, `hit`, `net`, `ground` (it comes to lie, or leaves), `free` (nothing is near), `held` (a player takes it, or lets it
-    go), or `unseen` (more than
-    one contact between two frames: the flights beside it do not meet)."""
+    """`bounce`, `hit`, `net`, `ground` (it comes to lie, or leaves), `free` (nothing is near), `held` (a player takes
+    it, or lets it go), or `unseen` (more than one contact between two frames: the flights beside it do not meet)."""
     contact_position: Float[np.ndarray, "contacts 3"]
     """Metres."""
 
@@ -158,17 +162,18 @@ def settled_ball(ball: BallPath, scene: Scene, options: SettleBallOptions | None
     known = ball.known_position | ball.known_velocity
     roots = np.where(np.isfinite(ball.roots), ball.roots, np.inf)
     turn_std = _turn_std(world) * options.spin
-    states, now = _first_states(ball, world, options), (ball.position, ball.velocity)
+    begun, now = _first_states(ball, world, options), (ball.position, ball.velocity)
+    states = begun
     costs = _costs(ball, options)
     flights = None
     for _ in range(options.rounds):
         flights = find_flights(states, now, known, roots, world, costs, max(turn_std * SPEED_M_S, 0.3))
         now = flights.position, flights.velocity
-        states = _measured(states, flights, ball, options)
+        states = _measured(begun, flights, ball, options)
     assert flights is not None
-    air = Air(world=world, turn_std=turn_std, miss_m=options.miss_m, miss_errors=4.0)
+    air = Air(world=world, turn_std=turn_std, miss_m=options.miss_m, miss_errors=MOST_ERRORS)
     found = joined_flights(_tied(states, ball), flights, known, air, options.steps)
-    return _read_off(found, ball, roots, world, options)
+    return _read_off(found, ball, states, roots, world, options)
 
 
 def _turn_std(world: BallWorld) -> float:
@@ -244,6 +249,8 @@ def _measured(states: States, flights: Flights, ball: BallPath, options: SettleB
             continue
         own = np.median(np.abs(off[made]), axis=0)
         size = 1.4826 * np.sqrt(0.5 * own**2 + 0.5 * np.mean(own**2)) / np.sqrt(freedom)
+        # Neighbours tell errors that last; a flight that misses by more than those is a wrong one.
+        size = np.minimum(size, before[~known].mean(axis=0) * (1.5 + LASTING_S / _step_of(ball.times)))
         errors.append(size)
         pairs = made[1:] & made[:-1] & (flight[1:] == flight[:-1])
         clipped = off.clip(-3 * size, 3 * size) / np.maximum(size, 1e-12)
@@ -271,7 +278,7 @@ def _tied(states: States, ball: BallPath) -> States:
 
 
 def _read_off(
-    found: Joined, ball: BallPath, roots: np.ndarray, world: BallWorld, options: SettleBallOptions
+    found: Joined, ball: BallPath, states: States, roots: np.ndarray, world: BallWorld, options: SettleBallOptions
 ) -> SettledBall:
     """Each frame from its flight, the frames of contacts from the flight that they are in by time."""
     times = ball.times
@@ -283,8 +290,8 @@ def _read_off(
     wrong = (ball.known_position & (off_p > options.known_m)) | (ball.known_velocity & (off_v > options.known_m_s))
     bad = np.zeros(len(found.first), dtype=bool)
     bad[flight[wrong]] = True
-    for number in np.unique(flight[off_p > options.moved_m]):
-        bad[number] |= bool(np.median(off_p[flight == number]) > options.moved_m)
+    far = off_p > np.maximum(options.moved_m, MOST_ERRORS * np.linalg.norm(states.error_m, axis=1))
+    bad |= np.bincount(flight, weights=far, minlength=len(bad)) > 0.5 * np.bincount(flight, minlength=len(bad))
     left = bad[flight] | found.held[flight] | ~np.isfinite(p).all(axis=1) | ~np.isfinite(v).all(axis=1)
     p, v = np.where(left[:, None], ball.position, p), np.where(left[:, None], ball.velocity, v)
     p[:, 2] = np.maximum(p[:, 2], ground_of(p, world))

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from pgm_data.lift.ball.world import GRAVITY, BallWorld
 
-STEP_S = 0.05
+STEP_S = 0.125
 """Longest step of the integration of flights, s."""
 FASTEST_M_S = 200.0
 """Drag grows no further beyond this speed: a way back in time soon has no end."""
@@ -67,6 +67,8 @@ class Flights:
     """On the ground all along."""
     held: Bool[np.ndarray, " flights"]
     """In no flight at all, but slow and near a player all along."""
+    pull: Float[np.ndarray, "flights 3"]
+    """Steady acceleration beside gravity and drag, m/s^2."""
     position: Float[np.ndarray, "T 3"]
     """Each frame as its flight fits it; as given where a frame is in none."""
     velocity: Float[np.ndarray, "T 3"]
@@ -108,10 +110,10 @@ def _pull(velocity: np.ndarray, drag_per_m: float, turn: np.ndarray | None) -> n
     pull = -drag_per_m * np.minimum(speed, FASTEST_M_S)[..., None] * velocity
     pull[..., 2] -= GRAVITY
     if turn is not None:
-        (a, b, c), (x, y, z) = np.moveaxis(turn, -1, 0), np.moveaxis(velocity, -1, 0)
-        pull[..., 0] += b * z - c * y
-        pull[..., 1] += c * x - a * z
-        pull[..., 2] += a * y - b * x
+        x, y, z = velocity[..., 0], velocity[..., 1], velocity[..., 2]
+        pull[..., 0] += turn[..., 1] * z - turn[..., 2] * y
+        pull[..., 1] += turn[..., 2] * x - turn[..., 0] * z
+        pull[..., 2] += turn[..., 0] * y - turn[..., 1] * x
     return pull
 
 
@@ -183,7 +185,8 @@ def find_flights(
             at, p, v = there[mine], *fit.off(start[mine], end[mine], there[mine])
             position[at] += p
             velocity[at] += v
-    return Flights(first=first, last=last, rolls=rolls, held=held, position=position, velocity=velocity)
+    pull = np.where((rolls | held)[:, None], 0.0, fits.pull[first, last - first])
+    return Flights(first=first, last=last, rolls=rolls, held=held, pull=pull, position=position, velocity=velocity)
 
 
 def flight_of(first: Int[np.ndarray, " flights"], last: Int[np.ndarray, " flights"], frames: int) -> np.ndarray:
@@ -253,7 +256,7 @@ class _Fits:
         place = (b0 - m01 * slope - m02 * pull) / m00
         if grounded:
             place[..., 2] = slope[..., 2] = pull[..., 2] = 0.0
-        self.start, self._slope, self._pull = place, slope, pull
+        self.start, self._slope, self.pull = place, slope, pull
         left = sums(weight_p * y**2 + weight_v * u**2) - place * b0 - slope * b1 - pull * b2
         self.cost = np.maximum(left, 0.0).sum(axis=2)
         """Squared errors."""
@@ -263,7 +266,7 @@ class _Fits:
     def off(self, first: np.ndarray, last: np.ndarray, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """From the states of frames to those of the flights that go from a first to a last frame."""
         flight, at = (first, last - first), (first, frame - first)
-        s, place, slope, pull = self._s[at], self.start[flight], self._slope[flight], self._pull[flight]
+        s, place, slope, pull = self._s[at], self.start[flight], self._slope[flight], self.pull[flight]
         return place + slope * s + 0.5 * pull * s**2 - self._y[at], slope + pull * s - self._u[at]
 
 

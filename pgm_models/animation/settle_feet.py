@@ -13,57 +13,18 @@ from jaxtyping import Bool, Float
 from scipy.linalg import solveh_banded
 
 from pgm_data.geometry.rigid import rotation_from_rotvec, rotvec_from_rotation
-from pgm_data.skeleton import Skeleton, world_from_joints
-from pgm_models.animation.foot_stances import Stance, StanceOptions, averaged, noisy_floor, stances
+from pgm_data.skeleton import Skeleton
+from pgm_models.animation.foot_places import Footing, planted, sole_in_ankle
+from pgm_models.animation.foot_stances import ERRING_M, Stance, StanceOptions, height_error, runs, stances
 from pgm_models.animation.leg_reach import LEAST_BEND, Leg, bent, hinge_of, legs_of
+from pgm_models.animation.player_motion import Body, PlayerMotion, body_of
 
 HELD = 1e8
 """Weight of a correction that must be none."""
 SAME = 1e-9
 """Metres or radians under which a pose is left as it is."""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class PlayerMotion:
-    """One player's motion.
-
-    Raises:
-        ValueError: If a number is not finite, a shape does not fit, or times do not rise; names field and frame.
-    """
-
-    times: Float[np.ndarray, " frames"]
-    """s, rising."""
-    root_position: Float[np.ndarray, "frames 3"]
-    """World metres."""
-    root_rotation: Float[np.ndarray, "frames 3"]
-    """Axis-angle of world_from_root, radians."""
-    joint_rotations: Float[np.ndarray, "frames joints 3"]
-    """Axis-angle of parent_from_joint, radians; entry 0 repeats the root's and is not read."""
-    joint_translations: Float[np.ndarray, "frames joints 3"] | Float[np.ndarray, "joints 3"]
-    """Of parent_from_joint, metres; entry 0 of frames repeats the root's."""
-    known_position: Bool[np.ndarray, " frames"]
-    """Whether the root's position is given and must stay."""
-    known_rotation: Bool[np.ndarray, " frames"]
-    known_joints: Bool[np.ndarray, " frames"]
-
-    def __post_init__(self) -> None:
-        """Check the values."""
-        frames = len(self.times)
-        for name in ("times", "root_position", "root_rotation", "joint_rotations", "joint_translations"):
-            values = getattr(self, name)
-            bad = np.argwhere(~np.isfinite(values))
-            if len(bad):
-                raise ValueError(f"{name}: expected finite numbers, got {values[tuple(bad[0])]} at {bad[0].tolist()}")
-        for name in self.__dataclass_fields__:
-            got = len(getattr(self, name))
-            if got != frames and not (name == "joint_translations" and self.joint_translations.ndim == 2):
-                raise ValueError(f"{name}: expected {frames} frames, got {got}")
-        if self.joint_translations.shape[-2] != self.joint_rotations.shape[1]:
-            joints = self.joint_rotations.shape[1]
-            raise ValueError(f"joint_translations: expected {joints} joints, got {self.joint_translations.shape[-2]}")
-        late = np.flatnonzero(np.diff(self.times) <= 0)
-        if len(late):
-            raise ValueError(f"times: expected rising ones, got others at frame {late[0] + 1}")
+TOUCH_SPEED = 0.4
+"""Soles faster than this do not touch the ground where heights err, m/s; certainly not at twice the speed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,39 +79,6 @@ class SettleReport:
     """Why nothing was done; empty where something was."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Body:
-    """A motion with what follows from it."""
-
-    motion: PlayerMotion
-    skeleton: Skeleton
-    local: Float[np.ndarray, "frames joints 3"]
-    """Axis-angle, the root's at 0."""
-    bones: Float[np.ndarray, "frames joints 3"]
-    R: Float[np.ndarray, "frames joints 3 3"]
-    joints: Float[np.ndarray, "frames joints 3"]
-    offsets: Float[np.ndarray, "frames points 3"]
-    """All points of the skeleton in their joints' frames."""
-
-    def soles(self, leg: Leg) -> Float[np.ndarray, "frames points 3"]:
-        """Points of a sole in the world."""
-        points = list(leg.points)
-        on = self.skeleton.point_joints[points]
-        return self.joints[:, on] + (self.R[:, on] @ self.offsets[:, points, :, None])[..., 0]
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Footing:
-    """Where a foot is to be."""
-
-    ankle: Float[np.ndarray, "frames 3"]
-    """World metres."""
-    R: Float[np.ndarray, "frames 3 3"]
-    """world_from_ankle."""
-    toes: Float[np.ndarray, "frames foot 3"]
-    """Axis-angle of the joints beyond the ankle."""
-
-
 def settled_feet(
     motion: PlayerMotion, skeleton: Skeleton, floor_z: float | None, options: SettleOptions | None = None
 ) -> tuple[PlayerMotion, SettleReport]:
@@ -178,9 +106,8 @@ def settled_feet(
         why = f"{skeleton.name} has no legs of hip, knee and ankle with soles of two points or more"
         why = why if legs is None else "the ground is not flat" if floor_z is None else "there are no frames"
         return motion, _nothing_done(motion, why)
-    body = _body_of(motion, skeleton)
-    heights = np.stack([body.soles(leg)[..., 2].min(axis=1) - floor_z for leg in legs], axis=1)
-    error = noisy_floor(heights)
+    body = body_of(motion, skeleton)
+    error = height_error(np.stack([body.soles(leg) for leg in legs]), motion.times, floor_z)
     standing = [
         stance
         for foot, leg in enumerate(legs)
@@ -213,22 +140,7 @@ def _nothing_done(motion: PlayerMotion, why: str) -> SettleReport:
     )
 
 
-def _body_of(motion: PlayerMotion, skeleton: Skeleton) -> _Body:
-    frames = len(motion.times)
-    local = motion.joint_rotations.astype(np.float64)
-    local[:, 0] = motion.root_rotation
-    bones = np.broadcast_to(motion.joint_translations, (frames, *motion.joint_translations.shape[-2:])).astype(float)
-    sizes = np.linalg.norm(bones[:, 1:], axis=-1).sum(axis=1)
-    sizes = sizes / np.linalg.norm(skeleton.rest_translations[1:], axis=-1).sum()
-    bones[:, 0] = motion.root_position
-    R, joints = world_from_joints(skeleton.parents, local, bones)
-    offsets = sizes[:, None, None] * skeleton.point_offsets
-    return _Body(motion=motion, skeleton=skeleton, local=local, bones=bones, R=R, joints=joints, offsets=offsets)
-
-
-def _kept_up(
-    standing: Sequence[Stance], lost: Bool[np.ndarray, "frames feet"]
-) -> tuple[list[Stance], list[Stance]]:
+def _kept_up(standing: Sequence[Stance], lost: Bool[np.ndarray, "frames feet"]) -> tuple[list[Stance], list[Stance]]:
     """Stances without their lost frames, the longest stretch of each; and what of them is given up."""
     kept, dropped = [], []
     for stance in standing:
@@ -247,14 +159,14 @@ def _kept_up(
 
 
 def _report(
-    body: _Body,
+    body: Body,
     moved: PlayerMotion,
     legs: Sequence[Leg],
     floor_z: float,
     standing: Sequence[Stance],
     given_up: Sequence[Stance],
 ) -> SettleReport:
-    after = _body_of(moved, body.skeleton)
+    after = body_of(moved, body.skeleton)
     lowest = min(float(after.soles(leg)[..., 2].min()) for leg in legs)
     same = (moved.root_position == body.motion.root_position).all(axis=1)
     same &= (moved.joint_rotations == body.motion.joint_rotations).all(axis=(1, 2))
@@ -267,3 +179,223 @@ def _report(
         below_m=max(0.0, floor_z - lowest),
         left_because="",
     )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Settler:
+    """Puts feet where they stand."""
+
+    body: Body
+    legs: tuple[Leg, Leg]
+    floor_z: float
+    error_m: float
+    """Of heights."""
+    options: SettleOptions
+
+    def settled(self, standing: Sequence[Stance]) -> tuple[PlayerMotion, Float[np.ndarray, "frames feet"]]:
+        """The motion with those stances, and by how far standing ankles miss their places, metres."""
+        body, motion = self.body, self.body.motion
+        footings, stands = self._footings(standing)
+        root = self._root(footings, stands)
+        position = motion.root_position + root
+        local = body.local.copy()
+        missed = np.zeros((len(motion.times), 2))
+        for foot, leg in enumerate(self.legs):
+            footing = self._swung(leg, footings[foot], stands[:, foot], root)
+            missed[:, foot] = np.where(stands[:, foot], self._bend(leg, footing, root, local), 0.0)
+        missed[motion.known_joints] = 0.0
+        rotations = np.asarray(motion.joint_rotations, np.float64).copy()
+        rotations[:, 1:] = local[:, 1:]
+        return self._raised(replace(motion, root_position=position, joint_rotations=rotations)), missed
+
+    def _footings(self, standing: Sequence[Stance]) -> tuple[list[Footing], Bool[np.ndarray, "frames feet"]]:
+        """Where each foot rests in its stances, and where it is as the motion has it; and whether it stands."""
+        body, motion = self.body, self.body.motion
+        footings, stands = [], np.zeros((len(motion.times), 2), dtype=bool)
+        for foot, leg in enumerate(self.legs):
+            now = Footing(
+                ankle=body.joints[:, leg.ankle].copy(),
+                R=body.R[:, leg.ankle].copy(),
+                toes=body.local[:, list(leg.foot)].copy(),
+            )
+            for stance in standing:
+                if stance.foot == foot:
+                    rows = stance.frames
+                    rest = planted(body, leg, rows, self.floor_z, self.options.level_m + 1.5 * self.error_m)
+                    now.ankle[rows], now.R[rows], now.toes[rows] = rest.ankle, rest.R, rest.toes
+                    stands[rows, foot] = True
+            footings.append(now)
+        return footings, stands
+
+    def _root(
+        self, footings: Sequence[Footing], stands: Bool[np.ndarray, "frames feet"]
+    ) -> Float[np.ndarray, "frames 3"]:
+        """Smooth correction of the root that meets the standing feet half of the way, and all of it out of reach."""
+        body, motion = self.body, self.body.motion
+        wanted = np.stack([f.ankle - body.joints[:, leg.ankle] for f, leg in zip(footings, self.legs, strict=True)], 1)
+        weight = stands.astype(np.float64)
+        total, summed = weight.sum(axis=1), (weight[..., None] * wanted).sum(axis=1)
+        pull = np.array([self.options.root_pull] * 2 + [0.02])
+        # A body whose legs are given has only its root to get its soles out of the ground.
+        lowest = np.min([body.soles(leg)[..., 2].min(axis=1) for leg in self.legs], axis=0)
+        sunk = motion.known_joints & (lowest < self.floor_z) & (total == 0)
+        total, summed[:, 2] = total + sunk, summed[:, 2] + np.where(sunk, self.floor_z - lowest, 0.0)
+        total[motion.known_position], summed[motion.known_position] = HELD, 0.0
+        root = _eased(summed, total, motion.times, self.options.root_hz, pull)
+        for _ in range(3):
+            total_far, summed_far = total.copy(), summed.copy()
+            for foot, leg in enumerate(self.legs):
+                away = footings[foot].ankle - (body.joints[:, leg.hip] + root)
+                reach, far = hinge_of(leg, *_bones(body, leg)[1:]).longest, np.linalg.norm(away, axis=1)
+                over = np.maximum(far - reach, 0.0) / np.maximum(far, 1e-9)
+                heavy = np.where(
+                    stands[:, foot] & (over > 0) & ~motion.known_position & ~motion.known_joints, 10.0, 0.0
+                )
+                total_far += heavy
+                summed_far += heavy[:, None] * (root + over[:, None] * away)
+            if (total_far == total).all():
+                break
+            root = _eased(summed_far, total_far, motion.times, self.options.root_hz, pull)
+        root[motion.known_position] = 0.0
+        return root
+
+    def _swung(
+        self, leg: Leg, footing: Footing, stands: Bool[np.ndarray, " frames"], root: Float[np.ndarray, "frames 3"]
+    ) -> Footing:
+        """Where the foot goes: at rest where it stands, led over from one rest to the next, and over the ground."""
+        body, motion, options = self.body, self.body.motion, self.options
+        free = body.joints[:, leg.ankle] + root
+        R_free, toes_free = body.R[:, leg.ankle], body.local[:, list(leg.foot)]
+        turn = rotvec_from_rotation(footing.R @ np.swapaxes(R_free, 1, 2))
+        parts = [footing.ankle - free, turn, (footing.toes - toes_free).reshape(len(free), -1)]
+        off = np.concatenate(parts, axis=1)
+        weight = np.where(motion.known_joints, HELD, stands.astype(np.float64))
+        values = np.where((stands & ~motion.known_joints)[:, None], off, 0.0)
+        eased = _eased(
+            weight[:, None] * values, weight, motion.times, options.leg_hz, np.full(off.shape[1], options.leg_pull)
+        )
+        eased = np.where(stands[:, None], off, eased)
+        ankle = free + eased[:, :3]
+        R = rotation_from_rotvec(eased[:, 3:6]) @ R_free
+        toes = toes_free + eased[:, 6:].reshape(toes_free.shape)
+        lowest = ankle[:, 2] + (R @ np.swapaxes(sole_in_ankle(body, leg, toes), 1, 2))[:, 2].min(axis=1)
+        low = _clearance(stands, motion.times, options.clearance_m)
+        low = np.maximum(low, self._hurried(stands, ankle))
+        ankle[:, 2] += np.where(stands, 0.0, np.maximum(self.floor_z + low - lowest, 0.0))
+        return Footing(ankle=ankle, R=R, toes=toes)
+
+    def _hurried(
+        self, stands: Bool[np.ndarray, " frames"], ankle: Float[np.ndarray, "frames 3"]
+    ) -> Float[np.ndarray, " frames"]:
+        """Least height of a sole that moves fast, where heights err: at such speed it cannot touch the ground."""
+        times = self.body.motion.times
+        if len(times) < 2 or not stands.any():
+            return np.zeros(len(times))
+        speed = np.linalg.norm(np.diff(ankle[:, :2], axis=0), axis=1) / np.diff(times)
+        most = np.maximum(np.append(speed, 0.0), np.insert(speed, 0, 0.0))
+        share = np.clip((most - TOUCH_SPEED) / TOUCH_SPEED, 0.0, 1.0) * min(1.0, self.error_m / ERRING_M)
+        return np.where(stands, 0.0, self.options.clearance_m * share)
+
+    def _bend(
+        self,
+        leg: Leg,
+        footing: Footing,
+        root: Float[np.ndarray, "frames 3"],
+        local: Float[np.ndarray, "frames joints 3"],
+    ) -> Float[np.ndarray, " frames"]:
+        """Writes the leg's rotations that bring the foot there into `local`; how far off it stays, metres."""
+        body = self.body
+        hip, knee, thigh, shin = _bones(body, leg)
+        to_ankle = footing.ankle - (body.joints[:, leg.hip] + root)
+        law = hinge_of(leg, knee, thigh, shin)
+        same = np.linalg.norm(footing.ankle - body.joints[:, leg.ankle] - root, axis=1) < SAME
+        same &= np.abs(footing.R - body.R[:, leg.ankle]).max(axis=(1, 2)) < SAME
+        same &= (footing.toes == body.local[:, list(leg.foot)]).all(axis=(1, 2))
+        rows = ~(same & (-law.straight >= LEAST_BEND)) & ~body.motion.known_joints
+        hip_new, knee_new = bent(leg, hip, knee, thigh, shin, to_ankle)
+        shin_world = hip_new @ knee_new
+        reached = ((hip_new @ thigh[..., None]) + (shin_world @ shin[..., None]))[..., 0]
+        above = body.R[:, body.skeleton.parents[leg.hip]]
+        turned = {
+            leg.hip: np.swapaxes(above, 1, 2) @ hip_new,
+            leg.knee: knee_new,
+            leg.ankle: np.swapaxes(shin_world, 1, 2) @ footing.R,
+        }
+        for joint, R in turned.items():
+            local[rows, joint] = rotvec_from_rotation(R[rows])
+        for place, joint in enumerate(leg.foot):
+            local[rows, joint] = footing.toes[rows, place]
+        return np.linalg.norm(reached - to_ankle, axis=1)
+
+    def _raised(self, moved: PlayerMotion) -> PlayerMotion:
+        """The motion lifted out of the ground where legs alone could not do it."""
+        body = body_of(moved, self.body.skeleton)
+        lowest = np.min([body.soles(leg)[..., 2].min(axis=1) for leg in self.legs], axis=0)
+        depth = np.where(moved.known_position, 0.0, np.maximum(self.floor_z - lowest, 0.0))
+        depth = np.where(depth > 1e-6, depth, 0.0)
+        position = moved.root_position.copy()
+        position[:, 2] += depth
+        bones = moved.joint_translations
+        if bones.ndim == 3:
+            bones = bones.copy()
+            bones[:, 0] = position
+        return replace(moved, root_position=position, joint_translations=bones)
+
+
+def _bones(body: Body, leg: Leg) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """world_from_thigh, thigh_from_shin, and the bones of both."""
+    return (
+        body.R[:, leg.hip],
+        rotation_from_rotvec(body.local[:, leg.knee]),
+        body.bones[:, leg.knee],
+        body.bones[:, leg.ankle],
+    )
+
+
+def _eased(
+    summed: Float[np.ndarray, "frames n"],
+    weight: Float[np.ndarray, " frames"],
+    times: Float[np.ndarray, " frames"],
+    cutoff_hz: float,
+    pull: Float[np.ndarray, " n"],
+) -> Float[np.ndarray, "frames n"]:
+    """Values near the weighted ones, smooth in time: least squares with second differences, and nothing far from both.
+
+    Args:
+        summed: Weights times values.
+        weight: Of each frame.
+        times: s.
+        cutoff_hz: Faster changes are left out.
+        pull: Weight of the value 0 in each frame, for each number.
+    """
+    frames = len(times)
+    if frames < 2:
+        return summed / (weight[:, None] + pull)
+    step = np.gradient(times)
+    band = np.zeros((3, frames))
+    if frames > 2:
+        a, b = np.diff(times)[:-1], np.diff(times)[1:]
+        row = np.stack([2 / (a * (a + b)), -2 / (a * b), 2 / (b * (a + b))])
+        strength = (2 * np.pi * cutoff_hz) ** -4 * (a + b) / 2
+        for k in range(3):
+            for other in range(k, 3):
+                band[2 - (other - k), other : other + frames - 2] += strength * row[k] * row[other]
+    out = np.empty_like(summed)
+    for value in np.unique(pull):
+        own = band.copy()
+        own[2] += step * (weight + value)
+        out[:, pull == value] = solveh_banded(own, step[:, None] * summed[:, pull == value])
+    return out
+
+
+def _clearance(
+    stands: Bool[np.ndarray, " frames"], times: Float[np.ndarray, " frames"], most: float
+) -> Float[np.ndarray, " frames"]:
+    """Least height of a sole: rises and falls between two stances; 0 where it stands, or is never to stand again."""
+    least = np.zeros(len(times))
+    for first, last in runs(~stands):
+        if first > 0 and last < len(times) - 1:
+            begin, end = times[first - 1], times[last + 1]
+            rows = slice(first, last + 1)
+            least[rows] = most * np.sin(np.pi * (times[rows] - begin) / (end - begin))
+    return least

@@ -4,7 +4,7 @@ A flight is its place, velocity and turn (how spin bends it) at its first frame;
 improved at once by Gauss and Newton's steps, with contacts as conditions that weigh much more than any state.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -74,7 +74,7 @@ def joined_flights(states: States, flights: Flights, given: Bool[np.ndarray, " T
         steps: Of Gauss and Newton.
     """
     start = np.concatenate(
-        [flights.position[flights.first], flights.velocity[flights.first], np.zeros((len(flights.first), 3))], axis=1
+        [flights.position[flights.first], flights.velocity[flights.first], _turns(flights, air.turn_std)], axis=1
     )
     count = len(flights.first) - 1
     found = Joined(
@@ -94,6 +94,13 @@ def joined_flights(states: States, flights: Flights, given: Bool[np.ndarray, " T
     for step in range(steps):
         found = fit.improved(found, within=step >= steps // 2)
     return found
+
+
+def _turns(flights: Flights, turn_std: float) -> np.ndarray:
+    """Turns that bend flights as their steady accelerations do, halfway."""
+    velocity = flights.velocity[(flights.first + flights.last) // 2]
+    turn = np.cross(velocity, flights.pull) / np.maximum((velocity**2).sum(axis=1, keepdims=True), 1.0)
+    return turn.clip(-2 * turn_std, 2 * turn_std)
 
 
 def states_at(
@@ -160,7 +167,16 @@ class _Fit:
 
     def improved(self, found: Joined, *, within: bool = False) -> Joined:
         """One step; `within` holds bounces to the speeds that the ground can give back."""
-        parts = [*self._of_states(found), *self._of_starts(found), *self._of_contacts(found, within=within)]
+        tied = np.flatnonzero(found.tied)
+        sides = [(tied, found.moment[tied] - self._states.times[found.first[tied]])]
+        sides.append((tied + 1, found.moment[tied] - self._states.times[found.first[tied + 1]]))
+        asked = [(self._flight, self._seconds), *sides]
+        every = self._slopes(found, *(np.concatenate(part) for part in zip(*asked, strict=True)))
+        ends = np.cumsum([len(flight) for flight, _ in asked])[:-1]
+        at, before, after = zip(*(np.split(part, ends) for part in every), strict=True)
+        parts = [*self._of_states(found, at), *self._of_starts(found)]
+        if len(tied):
+            parts += self._of_contacts(found, tied, before, after, within=within)
         count = 10 * len(found.first)
         rows, offset = [], 0
         for _, residual, _ in parts:
@@ -199,9 +215,11 @@ class _Fit:
         by_speed[:, :, 3:] = np.moveaxis((v[1:] - v[0]) / sizes[:, None, None], 0, -1)
         return p[0], v[0], by_place, by_speed
 
-    def _of_states(self, found: Joined) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    def _of_states(
+        self, found: Joined, at: Sequence[np.ndarray]
+    ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Columns, residuals and slopes of what is given of the path, and of frames that would be underground."""
-        p, v, by_p, by_v = self._slopes(found, self._flight, self._seconds)
+        p, v, by_p, by_v = at
         states, frames = self._states, self._frames
         off_p = (p - states.position[frames]) / states.error_m[frames]
         off_v = (v - states.velocity[frames]) / states.error_m_s[frames]
@@ -213,10 +231,11 @@ class _Fit:
         for off, by, error in ((off_p, by_p, states.error_m[frames]), (off_v, by_v, states.error_m_s[frames])):
             for axis in range(3):
                 yield columns, weight * off[:, axis], by[:, axis] * (weight / error[:, axis])[:, None]
+        # Frames below the ground are put on it, and stay there as long as they are not well above.
         under = p[:, 2] - ground_of(p, self._air.world)
-        self._low |= (under < 0) & ~found.rolls[self._flight]
+        self._low = (under < np.where(self._low, 5 * ABOVE_M, 0.0)) & ~found.rolls[self._flight] & found.tied.any()
         low = self._low
-        yield columns[low], np.minimum(under[low], 0.0) / ABOVE_M, by_p[low, 2] * (under[low, None] < 0.02) / ABOVE_M
+        yield columns[low], under[low] / ABOVE_M, by_p[low, 2] / ABOVE_M
 
     def _of_starts(self, found: Joined) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """How turns are distributed; and what rolls is on the ground."""
@@ -230,14 +249,18 @@ class _Fit:
         yield 10 * rolling[:, None] + 2, (found.start[rolling, 2] - ground) / TIED_M, ones / TIED_M
         yield 10 * rolling[:, None] + 5, found.start[rolling, 5] / TIED_M_S, ones / TIED_M_S
 
-    def _of_contacts(self, found: Joined, *, within: bool) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    def _of_contacts(
+        self,
+        found: Joined,
+        tied: np.ndarray,
+        one_side: Sequence[np.ndarray],
+        other_side: Sequence[np.ndarray],
+        *,
+        within: bool,
+    ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Flights meet; on the ground, with the speeds that it gives back, where they bounce."""
         world, times = self._air.world, self._states.times
-        tied = np.flatnonzero(found.tied)
-        if not len(tied):
-            return
-        p, v, p_by, v_by = self._slopes(found, tied, found.moment[tied] - times[found.first[tied]])
-        q, w, q_by, w_by = self._slopes(found, tied + 1, found.moment[tied] - times[found.first[tied + 1]])
+        (p, v, p_by, v_by), (q, w, q_by, w_by) = one_side, other_side
         before, after = 10 * tied[:, None] + np.arange(9), 10 * (tied + 1)[:, None] + np.arange(9)
         moment = 10 * tied[:, None] + 9
         columns = np.concatenate([before, after, moment], axis=1)
