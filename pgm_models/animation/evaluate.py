@@ -20,6 +20,7 @@ from pgm_models.animation.filled_windows import (
 from pgm_models.animation.layout import Layout
 from pgm_models.animation.physics_score import Motion, fastest_speeds, physics_figures
 from pgm_models.animation.sample import Fill
+from pgm_models.animation.settle import settled_windows
 from pgm_models.animation.task_scores import (
     UNITS,
     Quantity,
@@ -148,6 +149,8 @@ def evaluate_physics(
 ) -> tuple[PhysicsScore, ...]:
     """The physical figures alone: for windows at a finer rate, where feet that slide show best.
 
+    Of what was filled in as it is, and settled.
+
     Arguments and errors as of `evaluate`.
     """
     scene = load_scene(layout.scene) if scene is None else scene
@@ -158,6 +161,12 @@ def evaluate_physics(
         filled = filled_windows(fill, name, real, layout, options, samples=1, show=show)
         columns = decode(layout, filled.state[0], real.constants, scene=scene)
         found += _physics(name, real, filled.known, columns, layout, scene, limits)
+        show(f"{name}: settling {len(real.rate)} windows")
+        known = {entry.column: filled.known[..., row] for row, entry in enumerate(layout.properties)}
+        better = settled_windows(columns, known, real.rate, scene)
+        found += [
+            replace(score, settled=True) for score in _physics(name, real, filled.known, better, layout, scene, limits)
+        ]
     return tuple(found)
 
 

@@ -101,6 +101,7 @@ def physics_table(results: Mapping[str, Sequence[EvaluationResult]]) -> str:
     rows = [
         [
             *(TITLES[score.task], model, score.made.object, FIGURES[score.made.name]),
+            "settled" if score.settled else "generated",
             f"{score.made.value:.4g}" if math.isfinite(score.made.value) else "-",
             f"{score.real.value:.4g}" if math.isfinite(score.real.value) else "-",
             *(score.ratio, score.made.unit, score.rate, score.made.count),
@@ -109,7 +110,7 @@ def physics_table(results: Mapping[str, Sequence[EvaluationResult]]) -> str:
         for score in found[0].physics
         if score.made.count or score.real.count
     ]
-    header = ["task", "model", "object", "figure", "generated", "real", "ratio", "unit", "rate [1/s]", "count"]
+    header = ["task", "model", "object", "figure", "as it is", "made", "real", "ratio", "unit", "rate [1/s]", "count"]
     return _table(header, rows)
 
 

@@ -76,6 +76,8 @@ class PhysicsScore:
     """Frames a second."""
     made: PhysicsFigure
     real: PhysicsFigure
+    settled: bool = False
+    """Whether what was made was settled before it was judged (see `settle`), as `pgm animate` does."""
 
     @property
     def ratio(self) -> float:
@@ -236,6 +238,7 @@ def result_from_json(raw: Mapping) -> EvaluationResult:
                 rate=_number(entry["rate"]),
                 made=PhysicsFigure(**{**entry["made"], "value": _number(entry["made"]["value"])}),
                 real=PhysicsFigure(**{**entry["real"], "value": _number(entry["real"]["value"])}),
+                settled=entry["settled"],
             )
             for entry in raw["physics"]
         )

@@ -13,6 +13,8 @@ from pgm_data.scene import Scene
 
 STEP_S = 0.04
 """Longest step of the integration of flights, s."""
+DRAGGED_M_S = 200.0
+"""Speeds beyond this have its drag."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,8 +81,11 @@ def flown(
 
 
 def _pull(velocity: Float[np.ndarray, "*batch 3"], drag_per_m: float) -> Float[np.ndarray, "*batch 3"]:
-    """Acceleration by drag and gravity, m/s^2."""
-    speed = np.sqrt(np.einsum("...i,...i->...", velocity, velocity))
+    """Acceleration by drag and gravity, m/s^2; drag is that of `DRAGGED_M_S` at most.
+
+    Back in time drag speeds a ball up, and one that is far too fast would soon be nowhere.
+    """
+    speed = np.minimum(np.sqrt(np.einsum("...i,...i->...", velocity, velocity)), DRAGGED_M_S)
     pull = -drag_per_m * speed[..., None] * velocity
     pull[..., 2] -= GRAVITY
     return pull

@@ -15,6 +15,8 @@ FURTHEST_M = 0.25
 """Most that a standing foot may seem to move between frames."""
 ERRING_M = 0.02
 """Error of heights of motion that is not to be trusted with what touches the ground."""
+LONG_STEP_M = 0.5
+"""A foot that gets further than this from frame to frame does not stand in both."""
 SMOOTHED_S = 0.1
 """Most to either side over which places are averaged before speeds are taken."""
 LOWEST_M = 0.01
@@ -46,6 +48,8 @@ class StanceOptions:
     """Mean time that a foot stands, or swings."""
     share: float = 0.55
     """Of the time that feet stand."""
+    doubtful_share: float = 0.3
+    """More than that of motion whose heights err, in which stances are hard to see."""
     gap_s: float = 0.05
     """Shorter breaks in a stance are closed where the foot returns to where it was, seconds."""
     drift_m: float = 0.45
@@ -109,7 +113,7 @@ def stances(
         planted_speed=planted,
         free_speed=max(1.5, 1.5 * fast, 1.5 * planted),
         stays_s=options.stays_s,
-        planted=options.share,
+        planted=options.share + options.doubtful_share * min(1.0, error_m / ERRING_M),
     )
     stands = contact_probability(
         law,
@@ -123,7 +127,7 @@ def stances(
     drift = min(options.drift_m, options.steady_drift_m + 6 * error_m)
     level = averaged(level, 1) if error_m > options.steady_drift_m / 8 else level
     found = _closed(runs(stands > 0.5), level, times, drift, options)
-    gap = max(int(options.step_s / step + 0.5), int(error_m >= ERRING_M))
+    gap = int(options.step_s / step + 0.5)
     least = 2 if step < options.step_s else 1
     pieces = [piece for run in found for piece in _steps(run, level, drift, gap, least)]
     return [Stance(foot=foot, first=first, last=last) for first, last in pieces]
@@ -196,6 +200,8 @@ def _steps(
     before = np.arange(1, count)[:, None]
     apart = sums / before - (sums[-1] + own[-1] - sums) / (count - before)
     cut = first + 1 + int(np.argmax((before * (count - before))[:, 0] * (apart**2).sum(axis=1)))
+    # At low rates a step takes less than the time between frames, unless it is a long one.
+    gap = gap or int(np.linalg.norm(level[cut] - level[cut - 1]) > LONG_STEP_M)
     left, right = (first, cut - 1 - gap // 2), (cut + (gap - gap // 2), last)
     return [
         piece

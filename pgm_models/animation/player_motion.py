@@ -74,6 +74,7 @@ class Body:
 
 
 def body_of(motion: PlayerMotion, skeleton: Skeleton) -> Body:
+    """The motion with what follows from it, by forward kinematics; points grow with the bones."""
     frames = len(motion.times)
     local = motion.joint_rotations.astype(np.float64)
     local[:, 0] = motion.root_rotation

@@ -72,6 +72,23 @@ def settled(
     return Settled(columns=made, notes=tuple(notes))
 
 
+def settled_windows(
+    columns: Mapping[str, Float[np.ndarray, "B T _"]],
+    known: Mapping[str, Bool[np.ndarray, "B T"]],
+    rate: Float[np.ndarray, " B"],
+    scene: Scene,
+) -> dict[str, Float[np.ndarray, "B T _"]]:
+    """Windows that are settled each by itself; arguments as of `settled`, and frames a second."""
+    made = {name: np.array(values, dtype=np.float64) for name, values in columns.items()}
+    for window in range(len(rate)):
+        own = {name: values[window] for name, values in columns.items()}
+        given = {name: flags[window] for name, flags in known.items()}
+        times = np.arange(next(iter(own.values())).shape[0]) / float(rate[window])
+        for name, values in settled(own, given, times, scene).columns.items():
+            made[name][window] = values
+    return made
+
+
 def _settle_player(
     made: dict[str, np.ndarray],
     name: str,

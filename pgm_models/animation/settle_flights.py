@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import coo_matrix
+from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import spsolve
 
 from pgm_data.lift.ball.world import BallWorld
@@ -186,9 +186,9 @@ class _Fit:
         row = np.concatenate([np.repeat(r, column.shape[1]) for r, (column, _, _) in zip(rows, parts, strict=True)])
         values = np.concatenate([slope.ravel() for _, _, slope in parts])
         residual = np.concatenate([residual for _, residual, _ in parts])
-        slopes = coo_matrix((values, (row, columns)), shape=(offset, count)).tocsc()
-        normal = (slopes.T @ slopes).tocsc()
-        normal.setdiag(normal.diagonal() * (1.0 + 1e-10) + HOLD)
+        slopes = csc_array((values, (row, columns)), shape=(offset, count))
+        normal = slopes.T @ slopes
+        normal = csc_array(normal + diags_array(1e-10 * normal.diagonal() + HOLD))
         change = spsolve(normal, -(slopes.T @ residual)).reshape(-1, 10)
         begun = self._states.times[found.last[:-1]]
         ended = self._states.times[found.first[1:]]
