@@ -33,6 +33,7 @@ from pgm_models.animation.hit_windows import (
 from pgm_models.animation.keyframes import chunk_pieces
 from pgm_models.animation.layout import Layout
 from pgm_models.animation.sample import Fill
+from pgm_models.animation.settle import settled_windows
 from pgm_models.animation.store import StateStore
 from pgm_models.animation.text_features import TextFeatures
 from pgm_models.animation.window_source import windows_at
@@ -57,6 +58,8 @@ class AgreementOptions:
     """Where windows are put before they are filled in."""
     seed: int = 0
     """Of shuffles and noise."""
+    settle: bool = True
+    """Whether what is generated is settled before it is read, as `pgm animate` does."""
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -254,7 +257,11 @@ def _read_filled(
             made = upsample(fill, made, factor, store.layout, generator, text=fine_text)
             _finite(made.state, first.names, words)
         columns = decode(store.layout, made.state.cpu().numpy(), made.constants.cpu().numpy(), scene=scene)
-        reads += hits_of(columns, made.rate.cpu().numpy().astype(np.float64), windows.some(rows), scene)
+        rate = made.rate.cpu().numpy().astype(np.float64)
+        if options.settle:
+            shown = np.arange(made.state.shape[1]) < (options.given - 1) * factor + 1
+            columns = settled_windows(columns, dict.fromkeys(columns, np.tile(shown, (len(rate), 1))), rate, scene)
+        reads += hits_of(columns, rate, windows.some(rows), scene)
     return tuple(reads)
 
 
