@@ -17,6 +17,8 @@ ERRING_M = 0.02
 """Error of heights of motion that is not to be trusted with what touches the ground."""
 LONG_STEP_M = 0.5
 """A foot that gets further than this from frame to frame does not stand in both."""
+STILL_M = 0.02
+"""Frames at the ends of a stance that are further than this from its place are not of it."""
 SMOOTHED_S = 0.1
 """Most to either side over which places are averaged before speeds are taken."""
 LOWEST_M = 0.01
@@ -130,6 +132,8 @@ def stances(
     gap = int(options.step_s / step + 0.5)
     least = 2 if step < options.step_s else 1
     pieces = [piece for run in found for piece in _steps(run, level, drift, gap, least)]
+    near = STILL_M + 6 * error_m
+    pieces = [_trimmed(piece, level, height, near) for piece in pieces]
     return [Stance(foot=foot, first=first, last=last) for first, last in pieces]
 
 
@@ -185,6 +189,16 @@ def _closed(
                 continue
         joined.append((first, last))
     return joined
+
+
+def _trimmed(
+    piece: tuple[int, int], level: Float[np.ndarray, "frames 2"], height: Float[np.ndarray, " frames"], near: float
+) -> tuple[int, int]:
+    """The stance without frames at its ends in which the foot is still on its way, or off already."""
+    rows = slice(piece[0], piece[1] + 1)
+    off = np.hypot(np.linalg.norm(level[rows] - np.median(level[rows], axis=0), axis=1), np.maximum(height[rows], 0.0))
+    there = np.flatnonzero(off <= near)
+    return (piece[0] + int(there[0]), piece[0] + int(there[-1])) if len(there) else piece
 
 
 def _steps(

@@ -25,7 +25,7 @@ from pgm_models.animation.model import (
     save_model,
 )
 from pgm_models.animation.presets import DESIGNS, PRESETS
-from pgm_models.animation.prior import TemporalPrior, fit_prior
+from pgm_models.animation.prior import TemporalPrior, fit_prior, prior_from_json, prior_to_json
 from pgm_models.animation.sample import SampleOptions, sample
 from pgm_models.animation.store import StateStore, dataset_identity, open_store
 from pgm_models.animation.task import AnimationTask, MaskOptions
@@ -127,7 +127,7 @@ def train_animation(
         encoder=options.encoder or preset.encoder,
         encoder_width=features.width,
         frames=preset.frames,
-        prior=_prior(store, training, options.rates) if design.prior else None,
+        prior=_prior(store, training, options.rates, cache) if design.prior else None,
         rates=options.rates,
     )
     fixed = []
@@ -206,22 +206,31 @@ def _prepared(
     return store, text_features(store.texts, encoder, cache, show=show, device=str(device_of(options.device)))
 
 
-def _prior(store: StateStore, matches: tuple[str, ...], rates: tuple[float, float]) -> TemporalPrior:
-    """The prior of the matches that are learned from: the same for every seed and share."""
-    batches = []
-    for rate in (rates[1], math.sqrt(rates[0] * rates[1]), rates[0]):
-        options = WindowOptions(
-            frames=PRIOR_FRAMES, batch=PRIOR_WINDOWS, rates=(0.9 * rate, 1.1 * rate), seed=7, matches=matches
-        )
-        batches.append(WindowSource(store, options, None).batch(0))
-    return fit_prior(batches, store.layout)
+def _prior(store: StateStore, matches: tuple[str, ...], rates: tuple[float, float], cache: Path) -> TemporalPrior:
+    """The prior of the matches that are learned from, kept in the cache: the same for every seed and share."""
+    kept = _kept(cache, "prior", [store.folder.name, matches, rates])
+    if not kept.is_file():
+        batches = []
+        for rate in (rates[1], math.sqrt(rates[0] * rates[1]), rates[0]):
+            options = WindowOptions(
+                frames=PRIOR_FRAMES, batch=PRIOR_WINDOWS, rates=(0.9 * rate, 1.1 * rate), seed=7, matches=matches
+            )
+            batches.append(WindowSource(store, options, None).batch(0))
+        prior = fit_prior(batches, store.layout)
+        with whole_file(kept) as temporary:
+            temporary.write_text(json.dumps(prior_to_json(prior)))
+    return prior_from_json(json.loads(kept.read_text()))
+
+
+def _kept(cache: Path, what: str, of: list) -> Path:
+    """Where something that is computed once from those values is kept."""
+    return cache / f"{what}_{hashlib.sha256(json.dumps(of).encode()).hexdigest()[:16]}.json"
 
 
 def _fitted(dataset: Path, cache: Path, show: Callable[[str], None]) -> Layout:
     """The layout of the matches that are learned from, kept in the cache."""
     training, _ = divided_matches(dataset)
-    identity = hashlib.sha256(json.dumps([dataset_identity(dataset), training]).encode()).hexdigest()
-    kept = cache / f"layout_{identity[:16]}.json"
+    kept = _kept(cache, "layout", [dataset_identity(dataset), training])
     if not kept.is_file():
         show("reading what the states are made of")
         layout = fit_layout(dataset, matches=training)

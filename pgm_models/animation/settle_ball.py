@@ -167,7 +167,7 @@ def settled_ball(ball: BallPath, scene: Scene, options: SettleBallOptions | None
     costs = _costs(ball, options)
     flights = None
     for _ in range(options.rounds):
-        flights = find_flights(states, now, known, roots, world, costs, max(turn_std * SPEED_M_S, 0.3))
+        flights = find_flights(states, now, known, roots, world, costs, turn_std)
         now = flights.position, flights.velocity
         states = _measured(begun, flights, ball, options)
     assert flights is not None

@@ -16,6 +16,8 @@ STEP_S = 0.125
 """Longest step of the integration of flights, s."""
 FASTEST_M_S = 200.0
 """Drag grows no further beyond this speed: a way back in time soon has no end."""
+LEAST_PULL = 0.3
+"""Size of a flight's steady acceleration beside gravity and drag at least, m/s^2."""
 WAYS = 6
 """Places on the way between two frames that are looked at, besides the frames."""
 
@@ -130,7 +132,7 @@ def find_flights(
     roots: Float[np.ndarray, "T players 3"],
     world: BallWorld,
     costs: Costs,
-    pull_std: float,
+    turn_std: float,
 ) -> Flights:
     """The flights that explain the states at the least cost.
 
@@ -141,7 +143,7 @@ def find_flights(
         roots: Of the players; infinite where there is none.
         world: Of the ball.
         costs: Of contacts.
-        pull_std: Steady acceleration beside gravity and drag that a flight may have, m/s^2.
+        turn_std: How spin turns flights, rad/s; a steady acceleration here, the larger the faster the ball is.
     """
     frames = len(states.times)
     span = min(frames, int(np.searchsorted(states.times, states.times[0] + costs.longest_s)) + 1)
@@ -149,6 +151,7 @@ def find_flights(
     s = states.times[rows] - states.times[:, None]
     beyond = (np.arange(frames)[:, None] + np.arange(span) >= frames) | (s > costs.longest_s)
     places, speeds = _without_forces(states, now, world)
+    pull_std = np.maximum(turn_std * np.linalg.norm(now[1], axis=1), LEAST_PULL)
     fits = _Fits(states, rows, s, places, speeds, pull_std)
     low = ground_of(states.position, world)
     depth = np.maximum(low[:, None] - (fits.start + states.position[:, None])[..., 2], 0.0)
@@ -162,7 +165,7 @@ def find_flights(
     if slow.any():
         lying, still = states.position.copy(), states.velocity.copy()
         lying[:, 2], still[:, 2] = states.position[:, 2] - low, states.velocity[:, 2]
-        ground = _Fits(states, rows, s, lying, still, 1.0, grounded=True)
+        ground = _Fits(states, rows, s, lying, still, np.ones(frames), grounded=True)
         rolling = ground.cost / states.alike + costs.rolling
         rolled = rolling < cost
         cost = np.where(rolled, rolling, cost)
@@ -223,7 +226,7 @@ class _Fits:
         s: np.ndarray,
         places: np.ndarray,
         speeds: np.ndarray,
-        pull_std: float,
+        pull_std: np.ndarray,
         *,
         grounded: bool = False,
     ) -> None:
@@ -242,7 +245,7 @@ class _Fits:
         m00, m01, m02 = sums(weight_p), sums(weight_p * s), sums(weight_p * half)
         m11 = sums(weight_p * s**2 + weight_v)
         m12 = sums(weight_p * s * half + weight_v * s)
-        m22 = sums(weight_p * half**2 + weight_v * s**2) + pull_std**-2
+        m22 = sums(weight_p * half**2 + weight_v * s**2) + pull_std[:, None, None] ** -2
         b0 = sums(weight_p * y)
         b1 = sums(weight_p * s * y + weight_v * u)
         b2 = sums(weight_p * half * y + weight_v * s * u)

@@ -23,7 +23,7 @@ HELD = 1e8
 """Weight of a correction that must be none."""
 SAME = 1e-9
 """Metres or radians under which a pose is left as it is."""
-TOUCH_SPEED = 1.0
+TOUCH_SPEED = 0.6
 """Soles faster than this do not touch the ground where heights err, m/s; certainly not at twice the speed."""
 
 

@@ -55,6 +55,7 @@ def run(divided: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def words(run: Path, dataset: Path, *more: str) -> list[str]:
     few = ["--windows", "12", "--several-windows", "2", "--samples", "2", "--steps", "1", "--rate", "12.5"]
+    few += ["--words", "2"]
     return [str(run), str(dataset), *few, "--threads", "1", "--device", "cpu", *more]
 
 
@@ -67,6 +68,8 @@ def test_a_run_is_scored_and_goes_on_where_it_stopped(run, divided, tmp_path, ca
     first = read_evaluation(out / "evaluation.json")
     assert first.tasks == ("prediction",) and first.keyframe_error == 0
     assert {score.rate for score in first.physics} == {12.5, 25.0}
+    assert "| ceiling |" in printed and "| ceiling |" in (out / "words.md").read_text()
+    assert json.loads((out / "tasks" / "words.json").read_text())["windows"] == 2
     with pytest.raises(UsageError, match="--resume"):
         command.main(words(run, divided, *shared))
     kept = (out / "tasks" / "prediction.json").stat().st_mtime_ns

@@ -24,6 +24,13 @@ def begin(tennis_dataset, tmp_path_factory):
     return options
 
 
+@pytest.fixture(autouse=True)
+def no_pictures(request, monkeypatch):
+    """Pictures take seconds; one test wants them."""
+    if "pictures" not in request.node.name:
+        monkeypatch.setattr(run, "_look", lambda windows: lambda model, place, step: None)
+
+
 def losses(place):
     lines = [json.loads(line) for line in (place / LOG_NAME).read_text().splitlines()]
     return [line["loss"] for line in lines if "loss" in line]
@@ -47,8 +54,7 @@ def test_a_run_leaves_a_model_its_losses_and_pictures(begin):
     assert (options.run / "loss.csv").exists()
 
 
-def test_a_resumed_run_has_the_losses_of_an_unbroken_one(begin, monkeypatch):
-    monkeypatch.setattr(run, "_look", lambda windows: lambda model, place, step: None)
+def test_a_resumed_run_has_the_losses_of_an_unbroken_one(begin):
     whole = begin("unbroken", steps=40)
     train_animation(whole, command=["x"])
     broken = begin("broken", steps=40)

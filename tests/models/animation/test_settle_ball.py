@@ -42,7 +42,7 @@ def rally(fps: float = 25.0, seconds: float = 2.4) -> tuple[BallPath, list[tuple
         time += h
     every = round(1 / fps / h)
     position, velocity = (np.array(part)[::every] for part in zip(*states, strict=True))
-    at_hit = states[round(HIT_S / h)][0]
+    at_hit = states[min(round(HIT_S / h), len(states) - 1)][0]
     roots = np.tile(np.stack([NEAR, at_hit + [0.8, 0.5, 0.0]]), (len(position), 1, 1))
     return path(position, velocity, fps=fps, roots=roots), events
 
@@ -195,13 +195,20 @@ def test_a_ball_at_rest_lies_on_the_ground():
     np.testing.assert_allclose(settled.position, lying, atol=0.03)
 
 
-def test_a_held_ball_is_left_in_the_hand():
-    times = np.arange(50) / 25.0
-    hand = NEAR + np.column_stack([0.3 * np.sin(4 * times), 0.2 * np.cos(4 * times), 0.1 * np.sin(8 * times)])
-    ball = path(hand, np.gradient(hand, times, axis=0), roots=np.tile(NEAR, (50, 1, 1)))
+def test_a_held_ball_is_left_in_the_hand_until_it_is_hit():
+    truth, _ = rally()
+    times = np.arange(30) / 25.0
+    sway = np.column_stack([0.1 * np.sin(9 * times), 0.1 * np.cos(9 * times) - 0.1, 0.1 * np.sin(13 * times)])
+    hand = truth.position[0] + sway
+    ball = path(
+        np.concatenate([hand, truth.position]),
+        np.concatenate([np.gradient(hand, times, axis=0), truth.velocity]),
+        roots=np.concatenate([np.repeat(truth.roots[:1], 30, axis=0), truth.roots]),
+    )
     settled = settled_ball(ball, TENNIS)
-    assert (settled.status == "held").mean() > 0.8
-    assert np.median(settled.moved_m) < 1e-9
+    assert (settled.status[:30] == "held").mean() > 0.9
+    assert (settled.status[31:] == "flight").all()
+    assert settled.contact_kind.tolist() == ["held", "bounce", "hit", "bounce"]
 
 
 def test_a_thousand_frames_are_settled():
@@ -213,7 +220,7 @@ def test_a_thousand_frames_are_settled():
         np.tile(truth.velocity, (repeats, 1))[:1000],
         roots=np.tile(truth.roots, (repeats, 1, 1))[:1000],
     )
-    settled = settled_ball(noisy(whole, 0.05, 0.5), TENNIS)
+    settled = settled_ball(noisy(whole, 0.05, 0.5), TENNIS, SettleBallOptions(rounds=2, steps=3))
     assert np.isfinite(settled.position).all()
     found = [kind for kind in settled.contact_kind if kind == "bounce"]
     assert abs(len(found) - 1000 // count * BOUNCES) <= BOUNCES
