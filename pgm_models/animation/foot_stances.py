@@ -1,6 +1,7 @@
 """Stances of feet in motion that is noisy: when a foot is meant to stand, and where its sole rests meanwhile."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -135,6 +136,24 @@ def stances(
     near = STILL_M + 6 * error_m
     pieces = [_trimmed(piece, level, height, near) for piece in pieces]
     return [Stance(foot=foot, first=first, last=last) for first, last in pieces]
+
+
+def kept_up(standing: Sequence[Stance], lost: Bool[np.ndarray, "frames feet"]) -> tuple[list[Stance], list[Stance]]:
+    """Stances without their lost frames, the longest stretch of each; and what of them is given up."""
+    kept, dropped = [], []
+    for stance in standing:
+        bad = np.flatnonzero(lost[stance.frames, stance.foot]) + stance.first
+        if not len(bad):
+            kept.append(stance)
+            continue
+        edges = np.concatenate([[stance.first - 1], bad, [stance.last + 1]])
+        longest = int(np.argmax(np.diff(edges)))
+        first, last = int(edges[longest]) + 1, int(edges[longest + 1]) - 1
+        if first <= last:
+            kept.append(replace(stance, first=first, last=last))
+        ends = [(stance.first, first - 1), (last + 1, stance.last)] if first <= last else [(stance.first, stance.last)]
+        dropped += [replace(stance, first=a, last=b) for a, b in ends if a <= b]
+    return kept, dropped
 
 
 def runs(flags: Bool[np.ndarray, " frames"]) -> list[tuple[int, int]]:

@@ -53,9 +53,9 @@ class SettleBallOptions:
     """Longest time between two frames with such frames between them, s, less a frame."""
     rolling_cost: float = 25.0
     """Of rolling or lying on the ground."""
-    held_cost: float = 12.0
+    held_cost: float = 6.0
     """Of each frame in which a player holds the ball."""
-    held_m_s: float = 8.0
+    held_m_s: float = 6.0
     """Fastest that a held ball is, m/s."""
     longest_s: float = 4.0
     """Longest flight, s."""

@@ -15,7 +15,7 @@ from scipy.linalg import solveh_banded
 from pgm_data.geometry.rigid import rotation_from_rotvec, rotvec_from_rotation
 from pgm_data.skeleton import Skeleton
 from pgm_models.animation.foot_places import Footing, planted, sole_in_ankle
-from pgm_models.animation.foot_stances import ERRING_M, Stance, StanceOptions, height_error, runs, stances
+from pgm_models.animation.foot_stances import ERRING_M, Stance, StanceOptions, height_error, kept_up, runs, stances
 from pgm_models.animation.leg_reach import LEAST_BEND, Leg, bent, hinge_of, legs_of
 from pgm_models.animation.player_motion import Body, PlayerMotion, body_of
 
@@ -117,11 +117,11 @@ def settled_feet(
     settler = _Settler(body=body, legs=legs, floor_z=floor_z, error_m=error, options=options)
     for _ in range(3):
         moved, missed = settler.settled(standing)
-        kept_up, dropped = _kept_up(standing, missed > options.given_up_m)
+        still, dropped = kept_up(standing, missed > options.given_up_m)
         if not dropped:
             break
         given_up += dropped
-        standing = kept_up
+        standing = still
     else:
         moved, _ = settler.settled(standing)
     return moved, _report(body, moved, legs, floor_z, standing, given_up)
@@ -138,24 +138,6 @@ def _nothing_done(motion: PlayerMotion, why: str) -> SettleReport:
         below_m=0.0,
         left_because=why,
     )
-
-
-def _kept_up(standing: Sequence[Stance], lost: Bool[np.ndarray, "frames feet"]) -> tuple[list[Stance], list[Stance]]:
-    """Stances without their lost frames, the longest stretch of each; and what of them is given up."""
-    kept, dropped = [], []
-    for stance in standing:
-        bad = np.flatnonzero(lost[stance.frames, stance.foot]) + stance.first
-        if not len(bad):
-            kept.append(stance)
-            continue
-        edges = np.concatenate([[stance.first - 1], bad, [stance.last + 1]])
-        longest = int(np.argmax(np.diff(edges)))
-        first, last = int(edges[longest]) + 1, int(edges[longest + 1]) - 1
-        if first <= last:
-            kept.append(replace(stance, first=first, last=last))
-        ends = [(stance.first, first - 1), (last + 1, stance.last)] if first <= last else [(stance.first, stance.last)]
-        dropped += [replace(stance, first=a, last=b) for a, b in ends if a <= b]
-    return kept, dropped
 
 
 def _report(
