@@ -189,7 +189,7 @@ class _Fit:
         slopes = csc_array((values, (row, columns)), shape=(offset, count))
         normal = slopes.T @ slopes
         normal = csc_array(normal + diags_array(1e-10 * normal.diagonal() + HOLD))
-        change = spsolve(normal, -(slopes.T @ residual)).reshape(-1, 10)
+        change = np.asarray(spsolve(normal, -(slopes.T @ residual))).reshape(-1, 10)
         begun = self._states.times[found.last[:-1]]
         ended = self._states.times[found.first[1:]]
         # Far steps are cut short: what is linear here is not so there.

@@ -72,7 +72,7 @@ def noisy(ball: BallPath, metres: float, speed: float, seed: int = 0) -> BallPat
 def free_steps(settled: SettledBall, times: np.ndarray) -> np.ndarray:
     """Steps between frames in which no contact is."""
     inside = (settled.contact_time >= times[:-1, None]) & (settled.contact_time <= times[1:, None])
-    return ~inside.any(axis=1)
+    return np.array(~inside.any(axis=1), dtype=bool)
 
 
 def assert_plausible(settled: SettledBall, ball: BallPath) -> None:
