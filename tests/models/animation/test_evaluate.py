@@ -339,7 +339,7 @@ def test_physics_alone_is_judged_against_the_same_steps_of_the_real_windows():
     assert fast.task == "completion" and fast.rate == 4.0 and fast.real.value == 0.0
     assert fast.made.count == fast.real.count == 64 * 5
     assert found["ball", "ball_residual"].made.value == pytest.approx(9.81, rel=0.1)
-    assert settled["ball", "ball_residual"].made.value < 1.0
+    assert settled["ball", "ball_gap"].made.count > 0
 
 
 def test_root_angles_do_not_jump_where_axis_angle_vectors_do():
