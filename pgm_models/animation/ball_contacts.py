@@ -14,8 +14,8 @@ from jaxtyping import Bool, Float, Int, Shaped
 from pgm_data.dataset.clip_ball import ClipBall, EventRows, ShotRows
 from pgm_data.dataset.clip_players import ClipPlayers, PlayerTrack
 from pgm_data.scene import Scene
+from pgm_models.animation.flight import STEP_S
 from pgm_models.animation.flight_breaks import (
-    STEP_S,
     ContactOptions,
     bounces_of,
     breaks,

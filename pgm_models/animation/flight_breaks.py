@@ -10,11 +10,7 @@ from pgm_data.caption.court_areas import looks
 from pgm_data.dataset.clip_ball import nearest_frames
 from pgm_data.lift.ball.world import GRAVITY, BallWorld, ball_world
 from pgm_data.scene import Scene
-
-STEP_S = 0.04
-"""Longest step of the integration of flights, s."""
-DRAGGED_M_S = 200.0
-"""Speeds beyond this have its drag."""
+from pgm_models.animation import flight
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,31 +60,7 @@ def flown(
     Raises:
         ValueError: If the scene has no ball.
     """
-    drag = world_of(scene).drag_per_m.mean
-    longest = float(np.max(np.abs(np.nan_to_num(seconds)), initial=0.0))
-    steps = max(1, int(np.ceil(longest / STEP_S - 1e-9)))
-    h = (np.asarray(seconds) / steps)[..., None]
-    x, v = position, velocity
-    for _ in range(steps):
-        # Runge and Kutta's fourth order; places follow from the speeds at the stages.
-        k1 = _pull(v, drag)
-        k2 = _pull(v + h / 2 * k1, drag)
-        k3 = _pull(v + h / 2 * k2, drag)
-        k4 = _pull(v + h * k3, drag)
-        x = x + h * v + h**2 / 6 * (k1 + k2 + k3)
-        v = v + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    return x, v
-
-
-def _pull(velocity: Float[np.ndarray, "*batch 3"], drag_per_m: float) -> Float[np.ndarray, "*batch 3"]:
-    """Acceleration by drag and gravity, m/s^2; drag is that of `DRAGGED_M_S` at most.
-
-    Back in time drag speeds a ball up, and one that is far too fast would soon be nowhere.
-    """
-    speed = np.minimum(np.sqrt(np.einsum("...i,...i->...", velocity, velocity)), DRAGGED_M_S)
-    pull = -drag_per_m * speed[..., None] * velocity
-    pull[..., 2] -= GRAVITY
-    return pull
+    return flight.flown(position, velocity, seconds, world_of(scene).drag_per_m.mean)
 
 
 @lru_cache(maxsize=16)
