@@ -55,6 +55,8 @@ class AnimationTrade:
     """CPU threads of each; the usable cores shared out unless given."""
     device: str = "auto"
     """Where to compute: auto, cpu, cuda or cuda:N."""
+    precision: Literal["float32", "bfloat16"] = "float32"
+    """Of training's inner arithmetic."""
     resume: bool = False
     """Go on where an earlier run into this folder stopped; figures that it has are kept as they are."""
     overwrite: bool = False
@@ -103,6 +105,7 @@ def trade_animation(options: Annotated[AnimationTrade, tyro.conf.arg(name="")]) 
         rates=options.rates,
         rate=options.rate,
         device=options.device,
+        precision=options.precision,
         threads=options.threads or max(1, usable_cores() // options.jobs),
         given=options.run,
     )

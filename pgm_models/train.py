@@ -37,7 +37,7 @@ from pgm_models.checkpoint import (
 )
 from pgm_models.processes import Processes, device_of, joined
 
-CHANGEABLE = ("minutes", "threads", "log_every", "checkpoint_minutes", "device", "workers")
+CHANGEABLE = ("minutes", "threads", "log_every", "checkpoint_minutes", "device", "workers", "precision")
 """Options that another part of a run may have otherwise."""
 LOG_NAME = "log.jsonl"
 """File name of the log inside a run: one JSON object a line."""

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 from torch.nn import functional
 
-from pgm_models.animation.modulation import DemodulatedLinear
+from pgm_models.modulation import DemodulatedLinear
 
 TINY = 1e-6
 """Added to mean squares."""

@@ -1,8 +1,7 @@
 """How the animation network is told its noise, its framerate and what is known: by the scales of its weights.
 
 The condition becomes one vector a sample; from it each modulated layer gets a scale for each of its inputs, by which
-its weights are multiplied and then brought back to unit length (demodulation). Written for activations, so that all
-samples share one matrix product.
+its weights are multiplied and then brought back to unit length (`pgm_models.modulation`).
 """
 
 import math
@@ -18,42 +17,6 @@ SHORTEST_WAVE = 0.5
 """Wave length of the fastest sine."""
 WAVES = 32
 """Sines of one number, and as many cosines."""
-TINY = 1e-8
-"""Added to squared lengths."""
-
-
-def demodulated_linear(
-    inputs: Float[Tensor, "B S inputs"],
-    scale: Float[Tensor, "B inputs"],
-    weight: Float[Tensor, "outputs inputs"],
-    gain: Float[Tensor, " outputs"],
-    bias: Float[Tensor, " outputs"],
-) -> Float[Tensor, "B S outputs"]:
-    """What W' x + b gives, where W' of a sample is W with its columns scaled and its rows brought to length `gain`.
-
-    Source: Karras et al. 2020, Analyzing and Improving the Image Quality of StyleGAN, equations 1 and 3, with the
-    scales moved from the weights to inputs and outputs.
-    """
-    length = functional.linear(scale.square(), weight.square())
-    shrink = torch.rsqrt(length + TINY) * gain
-    return torch.addcmul(bias, functional.linear(inputs * scale[:, None], weight), shrink[:, None])
-
-
-class DemodulatedLinear(nn.Module):
-    """A linear layer whose inputs are weighted by the condition, and whose rows keep their length."""
-
-    def __init__(self, inputs: int, outputs: int, *, gain: float) -> None:
-        """Rows begin with that length: the scale of the outputs, as demodulation takes out that of the weights."""
-        super().__init__()
-        self.weight = nn.Parameter(torch.randn(outputs, inputs) / math.sqrt(inputs))
-        self.gain = nn.Parameter(torch.full((outputs,), gain))
-        self.bias = nn.Parameter(torch.zeros(outputs))
-
-    def forward(
-        self, inputs: Float[Tensor, "B S inputs"], scale: Float[Tensor, "B inputs"]
-    ) -> Float[Tensor, "B S outputs"]:
-        """The outputs; `scale` multiplies the inputs and is the same for all tokens of a sample."""
-        return demodulated_linear(inputs, scale, self.weight, self.gain, self.bias)
 
 
 def waves(values: Float[Tensor, " B"]) -> Float[Tensor, "B waves"]:

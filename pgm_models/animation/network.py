@@ -13,8 +13,9 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from pgm_models.animation.attention import Attention, PairBias, ShawKeys, clipped_distances, unit_mean_square
-from pgm_models.animation.modulation import Condition, DemodulatedLinear
+from pgm_models.animation.modulation import Condition
 from pgm_models.animation.presets import NetworkOptions
+from pgm_models.modulation import DemodulatedLinear
 
 FIRST_OUTPUT = 0.02
 """Scale of the output before training."""

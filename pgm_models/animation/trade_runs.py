@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import torch
 
@@ -86,6 +87,8 @@ class RunManner:
     rate: float = 4.0
     """Of the windows that are evaluated, frames a second."""
     device: str = "auto"
+    precision: Literal["float32", "bfloat16"] = "float32"
+    """Of training's inner arithmetic; evaluations are computed in float32."""
     threads: int = 1
     """CPU threads of each job."""
     given: Path | None = None
@@ -120,6 +123,7 @@ def training_job(model: Training, manner: RunManner) -> Job:
         "encoder": manner.encoder,
         "rates": list(manner.rates),
         "device": manner.device,
+        "precision": manner.precision,
         "threads": manner.threads,
     }
     return Job(
@@ -191,7 +195,7 @@ def train_model(arguments: Mapping, report: Callable[[dict], None]) -> dict:
 def _command(arguments: Mapping) -> list[str]:
     """The command that trains the same model."""
     said = ["pgm-train", "animation", arguments["dataset"], "--out", arguments["run"]]
-    for name in ("preset", "design", "masks", "share", "seed", "steps", "encoder", "device", "threads"):
+    for name in ("preset", "design", "masks", "share", "seed", "steps", "encoder", "device", "precision", "threads"):
         if arguments[name] not in ("", 0) or name == "seed":
             said += [f"--{name}", str(arguments[name])]
     return [*said, "--rates", *map(str, arguments["rates"])]
