@@ -27,12 +27,22 @@ class Aggregator(nn.Module):
             raise ValueError(f"width: expected a multiple of twice {options.heads} heads, got {options.width}")
         if options.layers < 1:
             raise ValueError(f"layers: expected at least 1, got {options.layers}")
-        self.norm_in = nn.LayerNorm(width_in)
+        self.width = options.width
+        self.token_mean: Tensor
+        self.token_map: Tensor
+        self.register_buffer("token_mean", torch.zeros(width_in))
+        self.register_buffer("token_map", torch.eye(width_in))
         self.project = nn.Linear(width_in, options.width)
         self.position_scale = nn.Parameter(torch.tensor(0.5))
         self.dropout = nn.Dropout(dropout)
         self.blocks = nn.ModuleList(_Block(options.width, options.heads, dropout) for _ in range(options.layers))
         self.norm_out = nn.LayerNorm(options.width)
+
+    @torch.no_grad()
+    def whiten(self, mean: Float[Tensor, " E"], linear: Float[Tensor, "E E"]) -> None:
+        """From now on take the mean from token features and multiply them by that map."""
+        self.token_mean.copy_(mean)
+        self.token_map.copy_(linear)
 
     def forward(self, tokens: Float[Tensor, "U L E"], mask: Bool[Tensor, "U L"]) -> Float[Tensor, "U D"]:
         """One vector a text; U may be 0. A text without any token gives finite numbers, the same for all such."""
@@ -42,9 +52,9 @@ class Aggregator(nn.Module):
         end = (mask * place).argmax(1)
         attended = mask | (place == end[:, None])
         # What stands in padding may be anything, NaN too.
-        tokens = torch.where(mask[..., None], tokens, 0.0)
+        tokens = torch.where(mask[..., None], tokens - self.token_mean, 0.0) @ self.token_map
         position = sinusoids(mask.cumsum(1), self.project.out_features).to(tokens.dtype)
-        x = self.dropout(self.project(self.norm_in(tokens)) + self.position_scale * position)
+        x = self.dropout(self.project(tokens) + self.position_scale * position)
         for block in self.blocks[:-1]:
             x = block(x, x, attended)
         asked = x.gather(1, end[:, None, None].expand(-1, 1, x.shape[2]))

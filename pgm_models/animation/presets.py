@@ -33,6 +33,8 @@ class TextOptions:
     width: int
     layers: int
     heads: int
+    start: int = 0
+    """Steps in which it learns what states its texts go with, before all else (see `text_start`)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +66,7 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
         ),
         "tiny": Preset(
             network=NetworkOptions(width=128, layers=4, heads=4),
-            text=TextOptions(width=96, layers=1, heads=4),
+            text=TextOptions(width=96, layers=1, heads=4, start=2_000),
             encoder="minilm",
             frames=16,
             batch=16,
@@ -73,7 +75,7 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
         ),
         "small": Preset(
             network=NetworkOptions(width=192, layers=4, heads=6),
-            text=TextOptions(width=128, layers=1, heads=4),
+            text=TextOptions(width=128, layers=1, heads=4, start=3_000),
             encoder="minilm",
             frames=16,
             batch=16,
@@ -82,7 +84,7 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
         ),
         "base": Preset(
             network=NetworkOptions(width=512, layers=8, heads=8, dropout=0.1),
-            text=TextOptions(width=256, layers=2, heads=8),
+            text=TextOptions(width=256, layers=2, heads=8, start=3_000),
             encoder="minilm",
             frames=16,
             batch=32,

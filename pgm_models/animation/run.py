@@ -4,7 +4,7 @@ import hashlib
 import json
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -13,6 +13,7 @@ import torch
 from filelock import FileLock
 
 from pgm_data.dataset.files import whole_file
+from pgm_models.animation.aggregator import Aggregator
 from pgm_models.animation.encode import decode
 from pgm_models.animation.fit_layout import fit_layout
 from pgm_models.animation.layout import Layout, layout_from_json, layout_to_json
@@ -31,6 +32,7 @@ from pgm_models.animation.store import StateStore, dataset_identity, open_store
 from pgm_models.animation.task import AnimationTask, MaskOptions
 from pgm_models.animation.text_encoders import encoder_of
 from pgm_models.animation.text_features import TextFeatures, text_features
+from pgm_models.animation.text_start import TextStartOptions, span_rows, teach_texts, whitening
 from pgm_models.animation.window_source import WindowOptions, WindowSource
 from pgm_models.animation.windows import Windows, first_of
 from pgm_models.checkpoint import CHECKPOINT_NAME, load_checkpoint, provenance
@@ -158,6 +160,9 @@ def train_animation(
     )
     torch.manual_seed(options.seed)
     model = AnimationModel(model_options)
+    if before is None:
+        with FileLock(cache / "preparing.lock"):
+            _begin_texts(model, source, features, cache, show)
     show(f"{sum(p.numel() for p in model.parameters()) / 1e6:.2f} million weights")
     training_options = TrainOptions(
         steps=0 if options.minutes else options.steps or preset.steps,
@@ -220,6 +225,32 @@ def _prior(store: StateStore, matches: tuple[str, ...], rates: tuple[float, floa
         with whole_file(kept) as temporary:
             temporary.write_text(json.dumps(prior_to_json(prior)))
     return prior_from_json(json.loads(kept.read_text()))
+
+
+def _begin_texts(
+    model: AnimationModel, source: WindowSource, features: TextFeatures, cache: Path, show: Callable[[str], None]
+) -> None:
+    """Give the model an aggregator that knows what texts go with, kept in the cache: the same for every seed."""
+    from safetensors.torch import load_file, save_file
+
+    store, text = source.store, model.options.text
+    if not len(features.starts):
+        return
+    start = TextStartOptions(steps=text.start)
+    of = [store.folder.name, features.folder.name, source.segments.tolist(), asdict(text), asdict(start)]
+    kept = _kept(cache, "texts", of).with_suffix(".safetensors")
+    if not kept.is_file():
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(start.seed)
+            fresh = Aggregator(features.width, text)
+        white = whitening(features)
+        fresh.whiten(white.mean, white.map)
+        fresh = fresh.to(model.device)
+        told = teach_texts(fresh, store, features, span_rows(store, source.segments, start), start, show)
+        with whole_file(kept) as temporary:
+            tensors = {name: value.cpu().contiguous() for name, value in fresh.state_dict().items()}
+            save_file(tensors, temporary, metadata={"told": str(told)})
+    model.aggregator.load_state_dict(load_file(kept))
 
 
 def _kept(cache: Path, what: str, of: list) -> Path:

@@ -90,6 +90,11 @@ class WindowSource:
         self._cumulative = np.cumsum(held)
 
     @property
+    def segments(self) -> Int[np.ndarray, " some"]:
+        """Segments that windows are drawn from."""
+        return self._segment
+
+    @property
     def count(self) -> int:
         """Different windows at the highest framerate."""
         return int(self._cumulative[-1])

@@ -26,7 +26,7 @@ def some_texts(seed: int = 0) -> tuple[Tensor, Tensor]:
 def slowly(network: Aggregator, tokens: Tensor) -> Tensor:
     """The vector of one text of tokens alone: every output of every layer, a loop over heads, then the last one."""
     width = network.project.out_features
-    x = network.project(network.norm_in(tokens)) + network.position_scale * torch.stack(
+    x = network.project((tokens - network.token_mean) @ network.token_map) + network.position_scale * torch.stack(
         [
             torch.tensor(
                 [torch.sin(torch.tensor(place / 1e4 ** (k / (width // 2)))) for k in range(width // 2)]
@@ -128,10 +128,12 @@ def test_dropout_acts_in_training_alone() -> None:
     assert not torch.equal(network(*batch), network(*batch))
 
 
-def test_features_of_any_scale_are_taken_alike() -> None:
+def test_whitened_features_of_any_scale_and_offset_are_taken_alike() -> None:
     network = aggregator()
     tokens, mask = some_texts()
-    torch.testing.assert_close(network(100 * tokens, mask), network(tokens, mask), atol=1e-3, rtol=1e-3)
+    expected = network(tokens, mask)
+    network.whiten(torch.full((WIDTH_IN,), 3.0), torch.eye(WIDTH_IN) / 100)
+    torch.testing.assert_close(network(100 * tokens + 3.0, mask), expected, atol=1e-4, rtol=1e-4)
 
 
 def test_sinusoids_turn_at_wavelengths_from_two_pi_up() -> None:
