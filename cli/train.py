@@ -130,7 +130,7 @@ class AnimationTraining:
     learning_rate: float = 0.0
     """Highest learning rate; the preset's unless given."""
     precision: Literal["float32", "bfloat16"] = "float32"
-    """Of the inner arithmetic; bfloat16 is faster on a GPU and slower on most CPUs."""
+    """Of the inner arithmetic; bfloat16 is faster on GPUs and on CPUs that know it, slower on others."""
     device: str = "auto"
     """auto, cpu, cuda or cuda:N."""
     workers: int = 0

@@ -99,7 +99,7 @@ def linear_log_snr(k: Int[Tensor, "*batch"], steps: int) -> Float[Tensor, "*batc
 
 
 def draw_log_snr(options: DiffusionOptions, count: int, generator: Generator) -> Float[Tensor, " count"]:
-    """Amounts of noise to train on, one a window: time uniform in the schedule, then shifted. On the generator's device.
+    """Amounts of noise to train on, one a window: even in the schedule's time, then shifted; on the generator's device.
 
     A window's frames are much alike, so together they show through noise that would hide each alone: what only words
     could tell is settled at more noise than the schedule, made for single pictures, dwells on. Source: Hoogeboom et al.

@@ -125,8 +125,8 @@ class Design:
 
 DESIGNS: Mapping[str, Design] = MappingProxyType(
     {
-        "ours": Design(prior=True),
-        "velocity": Design(),
+        "ours": Design(prior=True, diffusion=DiffusionOptions(shift=-1.5)),
+        "velocity": Design(diffusion=DiffusionOptions(shift=-1.5)),
         "paper": Design(
             diffusion=DiffusionOptions(prediction="eps", schedule="linear", weight="none"),
             balanced=False,
