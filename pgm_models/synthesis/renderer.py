@@ -1,0 +1,198 @@
+"""What rays see: surfaces behind, volumes in front, each ray's samples in the order of their depth."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from pgm_models.synthesis.balls import ball_shares, optical_of_share
+from pgm_models.synthesis.bodies import Marched
+from pgm_models.synthesis.fields import Fields, Grids, States, Wardrobe
+from pgm_models.synthesis.rays import Rays
+from pgm_models.synthesis.samples import Samples, along_rays, joined_samples, summed, weights_of
+from pgm_models.synthesis.surfaces import Met
+
+FAINT = 1e-6
+"""Samples that make less of a pixel are not dressed; of a hundred on a ray, 1e-4 is lost at most."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Background:
+    """What each ray sees where nothing is in front."""
+
+    features: Float[Tensor, "rays features"]
+    """0 where there is nothing."""
+    depth: Float[Tensor, " rays"]
+    """Metres along the ray; inf where there is nothing."""
+    thing: Int[Tensor, " rays"]
+    """Number of the object; -1 where there is nothing."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Rendered:
+    """What rays see."""
+
+    features: Float[Tensor, "rays features"]
+    """The first three are the colour, RGB 0 to 1."""
+    depth: Float[Tensor, " rays"]
+    """Mean over what is seen, metres along the ray; inf where some of it is nothing."""
+    shares: Float[Tensor, "rays objects"]
+    """How much of the pixel each object is, 0 to 1."""
+    looked_at: int
+    """Samples of volumes whose density was asked for."""
+    dressed: int
+    """Samples that were given features."""
+
+
+def background(rays: Rays, fields: Fields, wardrobe: Wardrobe) -> Background:
+    """The nearest surface that each ray meets."""
+    features = rays.direction.new_zeros(len(rays), fields.options.features)
+    depth = torch.full_like(rays.direction[:, 0], torch.inf)
+    thing = torch.full_like(rays.frame, -1)
+    met: dict[int, Met] = {}
+    for number, each in enumerate(fields.scene.objects):
+        if each.name in fields.planes or each.name in fields.skies:
+            met[number] = fields.surface(each.name).meet(rays)
+            nearer = met[number].depth < depth
+            depth = torch.where(nearer, met[number].depth, depth)
+            thing = torch.where(nearer, number, thing)
+    for number, each in met.items():
+        own = torch.nonzero(thing == number)[:, 0]
+        frame = rays.frame[own]
+        worn = wardrobe.wear(number, each.rows[own], each.shares[own], frame)
+        name = fields.scene.objects[number].name
+        if name in fields.paints:
+            style = wardrobe.style(number)
+            raw = fields.paints[name](style)
+            painted = torch.cat([torch.sigmoid(raw[:, :3]), raw[:, 3:]], dim=1)
+            painted = painted[frame] if len(style) > 1 else painted
+            worn = torch.lerp(worn, painted.expand_as(worn), each.paint[own, None])
+        features = features.index_put((own,), worn)
+    return Background(features=features, depth=depth, thing=thing)
+
+
+def render(
+    rays: Rays,
+    fields: Fields,
+    grids: Grids,
+    states: States,
+    wardrobe: Wardrobe,
+    *,
+    behind: Background | None = None,
+    near: Mapping[str, Int[Tensor, " some"]] | None = None,
+    jitter: torch.Generator | None = None,
+) -> Rendered:
+    """What each ray sees.
+
+    Args:
+        rays: Of one frame or several.
+        fields: Of the scene's objects.
+        grids: What their networks make.
+        states: What moves.
+        wardrobe: Dresses samples.
+        behind: The rays' background, where it is at hand already.
+        near: For volumes by object: the rays that may meet them; all where it says nothing of one.
+        jitter: Draws where in its interval each sample lies; in the middle without.
+    """
+    behind = background(rays, fields, wardrobe) if behind is None else behind
+    parts: list[tuple[int, Marched]] = []
+    for number, each in enumerate(fields.scene.objects):
+        some = None if near is None else near.get(each.name)
+        own = rays if some is None else rays[some]
+        marched = _marched(each.name, own, fields, grids, states, jitter)
+        if marched is not None:
+            ray = marched.samples.ray if some is None else some[marched.samples.ray]
+            samples = Samples(ray=ray, depth=marched.samples.depth, length=marched.samples.length)
+            parts.append((number, _in_front(marched, samples, behind.depth)))
+    objects = len(fields.scene.objects)
+    shares = rays.direction.new_zeros(len(rays), objects)
+    looked_at = sum(part.looked_at for _, part in parts)
+    if not sum(len(part.samples) for _, part in parts):
+        return Rendered(
+            features=behind.features,
+            depth=behind.depth,
+            shares=_with_background(shares, torch.ones_like(behind.depth), behind),
+            looked_at=looked_at,
+            dressed=0,
+        )
+    samples, part = joined_samples([each.samples for _, each in parts])
+    optical = torch.cat([each.optical for _, each in parts])
+    order = along_rays(samples, len(rays))
+    weights = torch.empty_like(optical).index_put((order,), weights_of(samples.ray[order], optical[order]))
+    passed = torch.exp(-summed(samples.ray, optical, len(rays)))
+    features = behind.features * passed[:, None]
+    dressed = 0
+    for place, (number, each) in enumerate(parts):
+        own = torch.nonzero(part == place)[:, 0]
+        kept = torch.nonzero(weights[own].detach() > FAINT)[:, 0]
+        chosen = own[kept]
+        ray, weight = samples.ray[chosen], weights[chosen]
+        worn = wardrobe.wear(number, each.rows[kept], each.shares[kept], rays.frame[ray])
+        features = features.index_add(0, ray, weight[:, None] * worn)
+        shares = shares.index_put((samples.ray[own], torch.full_like(own, number)), weights[own], accumulate=True)
+        dressed += len(kept)
+    there = torch.isfinite(behind.depth)
+    depth = summed(samples.ray, weights * samples.depth, len(rays)) + passed * torch.where(there, behind.depth, 0.0)
+    return Rendered(
+        features=features,
+        depth=torch.where(there | (passed < FAINT), depth, torch.inf),
+        shares=_with_background(shares, passed, behind),
+        looked_at=looked_at,
+        dressed=dressed,
+    )
+
+
+def _marched(
+    name: str, rays: Rays, fields: Fields, grids: Grids, states: States, jitter: torch.Generator | None
+) -> Marched | None:
+    """Samples of the rays in a volume; None of what is no volume."""
+    count = fields.options.samples
+    key = fields.key_of[name]
+    thing = next(each for each in fields.scene.objects if each.name == name)
+    count = min(count, thing.samples_per_ray)
+    if name in states.poses:
+        drawn = _drawn(rays, count, jitter)
+        return fields.body(key).march(rays, states.poses[name], grids.bodies[key], count=count, jitter=drawn)
+    if name in fields.worlds:
+        return fields.world(name).march(rays, grids.worlds[name], count=count, jitter=_drawn(rays, count, jitter))
+    if name in fields.balls and states.balls is not None:
+        share, depth = ball_shares(rays, states.balls)
+        own = torch.nonzero(share > 0)[:, 0]
+        nowhere = torch.zeros_like(own)[:, None]
+        samples = Samples(ray=own, depth=depth[own], length=torch.zeros_like(depth[own]))
+        return Marched(
+            samples=samples,
+            optical=optical_of_share(share[own]),
+            rows=nowhere,
+            shares=torch.ones_like(samples.depth)[:, None],
+            looked_at=len(own),
+        )
+    return None
+
+
+def _drawn(rays: Rays, count: int, jitter: torch.Generator | None) -> Tensor | None:
+    if jitter is None:
+        return None
+    return torch.rand(len(rays), count, generator=jitter, device=jitter.device).to(rays.direction.device)
+
+
+def _in_front(marched: Marched, samples: Samples, depth: Float[Tensor, " rays"]) -> Marched:
+    """Those samples that no surface hides."""
+    kept = torch.nonzero(samples.depth < depth[samples.ray])[:, 0]
+    return Marched(
+        samples=samples[kept],
+        optical=marched.optical[kept],
+        rows=marched.rows[kept],
+        shares=marched.shares[kept],
+        looked_at=marched.looked_at,
+    )
+
+
+def _with_background(
+    shares: Float[Tensor, "rays objects"], passed: Float[Tensor, " rays"], behind: Background
+) -> Float[Tensor, "rays objects"]:
+    """The shares with those of surfaces."""
+    own = torch.nonzero(behind.thing >= 0)[:, 0]
+    return shares.index_put((own, behind.thing[own]), passed[own], accumulate=True)

@@ -1,0 +1,136 @@
+"""Whole pictures: a model's fields grown once, then any camera and any state."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from pgm_data.geometry.camera import Camera
+from pgm_models.synthesis.balls import ball_boxes
+from pgm_models.synthesis.bodies import body_boxes
+from pgm_models.synthesis.boxes import Boxes, screen_rectangle
+from pgm_models.synthesis.fields import BakedWardrobe, States, Wardrobe
+from pgm_models.synthesis.model import SynthesisModel
+from pgm_models.synthesis.rays import Rays, camera_rays, picture_pixels
+from pgm_models.synthesis.renderer import Background, background, render
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Picture:
+    """A rendered picture and what else rays saw."""
+
+    rgb: Float[Tensor, "3 height width"]
+    """Final, 0 to 1."""
+    features: Float[Tensor, "features height width"]
+    """Before the enhancer; the first three are the colour then."""
+    depth: Float[Tensor, "height width"]
+    """Metres along the ray; inf where there is nothing."""
+    shares: Float[Tensor, "objects height width"]
+    """How much of each pixel each object is."""
+    looked_at: int
+    """Samples of volumes whose density was asked for."""
+    dressed: int
+    """Samples that were given features."""
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """What hangs on the camera alone."""
+
+    camera: Camera
+    rays: Rays
+    behind: Background
+
+
+class Studio:
+    """Renders pictures of one size, of objects that wear the same throughout.
+
+    What no state changes is kept: the fields' grids, what they wear, and, as long as the camera stands still, its rays
+    and the surfaces behind everything.
+    """
+
+    @torch.no_grad()
+    def __init__(
+        self, model: SynthesisModel, styles: Float[Tensor, "1 objects style"], width: int, height: int
+    ) -> None:
+        """Grow and dress everything.
+
+        Raises:
+            ValueError: If the picture has no pixel.
+        """
+        if width < 1 or height < 1:
+            raise ValueError(f"picture: expected at least 1x1 pixels, got {width}x{height}")
+        self.model, self.styles = model, styles
+        self.width, self.height = width, height
+        self.grids = model.fields.grids()
+        baked = model.fields.options.stylising == "grid"
+        self.wardrobe = (BakedWardrobe if baked else Wardrobe)(model.fields, self.grids, styles)
+        self._view: _View | None = None
+
+    @torch.no_grad()
+    def picture(self, camera: Camera, states: States) -> Picture:
+        """The picture of one frame's states.
+
+        Args:
+            camera: For pictures of this studio's size.
+            states: Of one frame.
+
+        Raises:
+            ValueError: If the camera is missing.
+        """
+        view = self._of(camera)
+        near = self._near(camera, states)
+        seen = render(view.rays, self.model.fields, self.grids, states, self.wardrobe, behind=view.behind, near=near)
+        features = seen.features.T.unflatten(1, (self.height, self.width))
+        return Picture(
+            rgb=self.model.enhanced(features[None], self.styles)[0],
+            features=features,
+            depth=seen.depth.unflatten(0, (self.height, self.width)),
+            shares=seen.shares.T.unflatten(1, (self.height, self.width)),
+            looked_at=seen.looked_at,
+            dressed=seen.dressed,
+        )
+
+    def _of(self, camera: Camera) -> _View:
+        if self._view is None or not _same(self._view.camera, camera):
+            pixels = picture_pixels(self.width, self.height)
+            rays = camera_rays(camera, pixels, device=self.model.device)
+            behind = background(rays, self.model.fields, self.wardrobe)
+            self._view = _View(camera, rays, behind)
+        return self._view
+
+    def _near(self, camera: Camera, states: States) -> dict[str, Tensor]:
+        """The pixels that may show each volume."""
+        near = {}
+        for thing in self.model.scene.objects:
+            boxes = self._boxes(thing.name, states)
+            if boxes is not None:
+                low, high = (corner[0].double().cpu().numpy() for corner in (boxes.low, boxes.high))
+                near[thing.name] = self._pixels(screen_rectangle(camera, low, high, self.width, self.height))
+        return near
+
+    def _boxes(self, name: str, states: States) -> Boxes | None:
+        fields = self.model.fields
+        if name in states.poses:
+            return body_boxes(states.poses[name], fields.body(fields.key_of[name]).skinning)
+        if name in fields.worlds:
+            world = fields.world(name)
+            return Boxes(low=world.low[None], high=world.high[None])
+        if name in fields.balls and states.balls is not None:
+            return ball_boxes(states.balls)
+        return None
+
+    def _pixels(self, rectangle: tuple[int, int, int, int] | None) -> Tensor:
+        device = self.model.device
+        if rectangle is None:
+            return torch.zeros(0, dtype=torch.int64, device=device)
+        left, top, right, bottom = rectangle
+        rows = torch.arange(top, bottom, device=device)[:, None] * self.width
+        return (rows + torch.arange(left, right, device=device)).flatten()
+
+
+def _same(one: Camera, other: Camera) -> bool:
+    names = ("K", "distortion", "R_cam_from_world", "t_cam_from_world")
+    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in names)
