@@ -1,23 +1,22 @@
 """`pgm-train MODEL DATASET --out RUN`: train a network on data with truth."""
 
-import sys
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import tyro
 
 from .console import UsageError, option_error, print_error
-
-if TYPE_CHECKING:
-    from pgm_models.train import Outcome
+from .train_synthesis import train_synthesis_model
+from .training import command_line, interrupted, make_way, show
 
 EXAMPLE = (
     "examples: pgm-train court simulated --out runs/court --minutes 60\n"
     "          pgm-train ball simulated --out runs/ball --minutes 45\n"
     "          pgm-train people --out runs/people --minutes 25\n"
-    "          pgm-train animation dataset --out runs/animation --preset small"
+    "          pgm-train animation dataset --out runs/animation --preset small\n"
+    "          pgm-train synthesis dataset --out runs/synthesis --preset small"
 )
 
 
@@ -152,7 +151,13 @@ class AnimationTraining:
 def main(argv: list[str]) -> int:
     """Run the command; its exit code."""
     options = tyro.extras.subcommand_cli_from_dict(
-        {"animation": _animation, "court": _court, "ball": _ball, "people": _people},
+        {
+            "animation": _animation,
+            "synthesis": train_synthesis_model,
+            "court": _court,
+            "ball": _ball,
+            "people": _people,
+        },
         args=argv,
         prog="pgm-train",
         description="Train a network on data with truth.\n\n" + EXAMPLE,
@@ -182,12 +187,12 @@ def _court(options: Annotated[CourtTraining, tyro.conf.arg(name="")]) -> int:
     )
     if not options.export_only:
         try:
-            outcome = train_court(run, command=_command(), show=_show)
+            outcome = train_court(run, command=command_line(), show=show)
         except NoFrames as error:
             print_error(str(error))
             return 4
         if outcome.state == "interrupted":
-            return _interrupted(outcome)
+            return interrupted(outcome)
     print(f"wrote {export_run(options.out, options.scene)}")
     return 0
 
@@ -218,10 +223,10 @@ def _ball_picture(options: BallTraining) -> int:
     )
     try:
         if not options.export_only:
-            outcome = train_ball(run, command=_command(), show=_show)
+            outcome = train_ball(run, command=command_line(), show=show)
             if outcome.state == "interrupted":
-                return _interrupted(outcome)
-        print(f"wrote {export_ball_run(run, show=_show)}")
+                return interrupted(outcome)
+        print(f"wrote {export_ball_run(run, show=show)}")
     except NoFrames as error:
         print_error(str(error))
         return 4
@@ -244,9 +249,9 @@ def _ball_events(options: BallTraining) -> int:
         seed=options.seed,
     )
     if not options.export_only:
-        outcome = train_track_events(run, command=_command(), show=_show)
+        outcome = train_track_events(run, command=command_line(), show=show)
         if outcome.state == "interrupted":
-            return _interrupted(outcome)
+            return interrupted(outcome)
     print(f"wrote {export_run(options.out)}")
     return 0
 
@@ -274,11 +279,11 @@ def _people(options: Annotated[PeopleTraining, tyro.conf.arg(name="")]) -> int:
         seed=options.seed,
     )
     if options.export_only:
-        print(f"wrote {export_people_run(run, show=_show)}")
+        print(f"wrote {export_people_run(run, show=show)}")
         return 0
-    outcome = train_people(run, command=_command(), show=_show)
+    outcome = train_people(run, command=command_line(), show=show)
     if outcome.state == "interrupted":
-        return _interrupted(outcome)
+        return interrupted(outcome)
     print(f"wrote {options.out / PERSON_NETWORK}")
     return 0
 
@@ -304,7 +309,7 @@ def _animation(options: Annotated[AnimationTraining, tyro.conf.arg(name="")]) ->
     from pgm_models.processes import leads
 
     if leads():
-        _make_way(options.out, resume=options.resume, overwrite=options.overwrite)
+        make_way(options.out, resume=options.resume, overwrite=options.overwrite)
     if options.masks not in MASKS:
         raise option_error("--masks", expected=f"one of {', '.join(MASKS)}", got=options.masks)
     values = asdict(options)
@@ -312,10 +317,10 @@ def _animation(options: Annotated[AnimationTraining, tyro.conf.arg(name="")]) ->
     for name in ("resume", "overwrite"):
         values.pop(name)
     outcome = train_animation(
-        AnimationRunOptions(**values), command=_command(), show=_show if leads() else lambda line: None
+        AnimationRunOptions(**values), command=command_line(), show=show if leads() else lambda line: None
     )
     if outcome.state == "interrupted":
-        return _interrupted(outcome)
+        return interrupted(outcome)
     if leads():
         print(f"wrote {options.out / MODEL_NAME}")
     return 0
@@ -323,19 +328,6 @@ def _animation(options: Annotated[AnimationTraining, tyro.conf.arg(name="")]) ->
 
 def _minutes(options: RunChoices) -> float:
     return options.minutes if not options.steps else 0.0
-
-
-def _command() -> list[str]:
-    return ["pgm-train", *sys.argv[1:]]
-
-
-def _show(line: str) -> None:
-    print(line, flush=True)
-
-
-def _interrupted(outcome: "Outcome") -> int:
-    print(f"interrupted after step {outcome.step}; --resume goes on from there")
-    return 130
 
 
 def _check(options: RunChoices, datasets: tuple[Path, ...], batch: int, what: str) -> None:
@@ -360,14 +352,4 @@ def _check(options: RunChoices, datasets: tuple[Path, ...], batch: int, what: st
         if not begun:
             raise option_error("--export-only", expected=f"a checkpoint in {options.out}", got="none")
         return
-    _make_way(options.out, resume=options.resume, overwrite=options.overwrite)
-
-
-def _make_way(out: Path, *, resume: bool, overwrite: bool) -> None:
-    """Refuse a folder that holds something, unless a run in it is to go on; clear it where it is to be written over."""
-    if not resume and not overwrite:
-        if out.is_dir() and any(out.iterdir()):
-            raise UsageError(f"--out: expected an empty or new folder, or --resume or --overwrite, got {out}")
-    if overwrite:
-        for name in ("checkpoint.safetensors", "log.jsonl", "model.safetensors"):
-            (out / name).unlink(missing_ok=True)
+    make_way(options.out, resume=options.resume, overwrite=options.overwrite)
