@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from pgm_data.scene import Scene, SceneObject
 from pgm_models.synthesis.balls import Balls
 from pgm_models.synthesis.bodies import Body, BodyGrids
+from pgm_models.synthesis.grids import mixed
 from pgm_models.synthesis.presets import FieldOptions
 from pgm_models.synthesis.skinning import Poses
 from pgm_models.synthesis.stylists import Stylist, baked, dressed
@@ -180,10 +181,6 @@ class BakedWardrobe(Wardrobe):
             values = grids.values(fields.key_of[thing.name])
             self._tables.append(baked(fields.stylist(thing.name), values, self.style(number)))
 
-    def style(self, thing: int) -> Float[Tensor, "frames style"]:
-        """Of an object, by its number: one for all frames."""
-        return self.styles[:, thing]
-
     def wear(
         self,
         thing: int,
@@ -192,6 +189,4 @@ class BakedWardrobe(Wardrobe):
         frame: Int[Tensor, " points"],
     ) -> Float[Tensor, "points features"]:
         """Features of points of an object; frames do not matter."""
-        from pgm_models.synthesis.grids import mixed
-
         return mixed(self._tables[thing], rows, shares)

@@ -7,6 +7,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from pgm_data.scene import SceneObject
 from pgm_models.synthesis.balls import ball_shares, optical_of_share
 from pgm_models.synthesis.bodies import Marched
 from pgm_models.synthesis.fields import Fields, Grids, States, Wardrobe
@@ -101,7 +102,7 @@ def render(
     for number, each in enumerate(fields.scene.objects):
         some = None if near is None else near.get(each.name)
         own = rays if some is None else rays[some]
-        marched = _marched(each.name, own, fields, grids, states, jitter)
+        marched = _marched(each, own, fields, grids, states, jitter)
         if marched is not None:
             ray = marched.samples.ray if some is None else some[marched.samples.ray]
             samples = Samples(ray=ray, depth=marched.samples.depth, length=marched.samples.length)
@@ -119,7 +120,7 @@ def render(
         )
     samples, part = joined_samples([each.samples for _, each in parts])
     optical = torch.cat([each.optical for _, each in parts])
-    order = along_rays(samples, len(rays))
+    order = along_rays(samples)
     weights = torch.empty_like(optical).index_put((order,), weights_of(samples.ray[order], optical[order]))
     passed = torch.exp(-summed(samples.ray, optical, len(rays)))
     features = behind.features * passed[:, None]
@@ -145,13 +146,11 @@ def render(
 
 
 def _marched(
-    name: str, rays: Rays, fields: Fields, grids: Grids, states: States, jitter: torch.Generator | None
+    thing: SceneObject, rays: Rays, fields: Fields, grids: Grids, states: States, jitter: torch.Generator | None
 ) -> Marched | None:
     """Samples of the rays in a volume; None of what is no volume."""
-    count = fields.options.samples
-    key = fields.key_of[name]
-    thing = next(each for each in fields.scene.objects if each.name == name)
-    count = min(count, thing.samples_per_ray)
+    name, key = thing.name, fields.key_of[thing.name]
+    count = min(fields.options.samples, thing.samples_per_ray)
     if name in states.poses:
         drawn = _drawn(rays, count, jitter)
         return fields.body(key).march(rays, states.poses[name], grids.bodies[key], count=count, jitter=drawn)

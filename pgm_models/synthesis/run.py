@@ -27,8 +27,6 @@ MAP_BINS = 512
 """Places along each axis of a plane at which pixels are counted."""
 MAP_STRIDE = 4
 """Of the pixels, along each axis, that are counted."""
-PICTURES = 4
-"""Held-out frames that are drawn as the training goes."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -74,7 +74,7 @@ def weights_of(ray: Int[Tensor, " samples"], optical: Float[Tensor, " samples"])
     return torch.exp(-passed_before(ray, optical)) * -torch.expm1(-optical)
 
 
-def along_rays(samples: Samples, rays: int) -> Int[Tensor, " samples"]:
+def along_rays(samples: Samples) -> Int[Tensor, " samples"]:
     """The order of samples by ray, then by depth; of equal depths the earlier one comes first."""
     by_depth = torch.argsort(samples.depth, stable=True)
     return by_depth[torch.argsort(samples.ray[by_depth], stable=True)]

@@ -3,10 +3,12 @@
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from pgm_models.image_metrics import psnr_of_error
 from pgm_models.synthesis.fields import Wardrobe
 from pgm_models.synthesis.losses import EyeLoss, reconstruction_losses
 from pgm_models.synthesis.model import ModelOptions, SynthesisModel, options_to_json
@@ -108,4 +110,4 @@ def _error(made: Tensor, real: Tensor) -> float:
 
 
 def _decibels(error: float) -> float:
-    return float(-10.0 * torch.log10(torch.tensor(max(error, 1e-10), dtype=torch.float64)))
+    return float(psnr_of_error(np.array(max(error, 1e-10))))

@@ -112,14 +112,14 @@ def test_nothing_is_composed_of_no_samples() -> None:
     none = torch.zeros(0, dtype=torch.int64)
     assert weights_of(none, torch.zeros(0)).shape == (0,)
     assert summed(none, torch.zeros(0, 3), 4).tolist() == [[0.0] * 3] * 4
-    assert along_rays(Samples(ray=none, depth=torch.zeros(0), length=torch.zeros(0)), 4).shape == (0,)
+    assert along_rays(Samples(ray=none, depth=torch.zeros(0), length=torch.zeros(0))).shape == (0,)
 
 
 def composed(parts: list[tuple[Samples, torch.Tensor, torch.Tensor]], rays: int) -> tuple[torch.Tensor, torch.Tensor]:
     """Colours and opacity of samples with optical depths and colours."""
     samples, _ = joined_samples([part[0] for part in parts])
     optical, colours = torch.cat([part[1] for part in parts]), torch.cat([part[2] for part in parts])
-    order = along_rays(samples, rays)
+    order = along_rays(samples)
     weights = weights_of(samples.ray[order], optical[order])
     return summed(samples.ray[order], weights[:, None] * colours[order], rays), summed(
         samples.ray[order], weights, rays
@@ -165,7 +165,7 @@ def test_samples_are_ordered_by_ray_then_depth_and_stay_in_order_where_both_are_
     samples = Samples(
         ray=torch.tensor([1, 0, 1, 0, 1]), depth=torch.tensor([2.0, 5.0, 1.0, 5.0, 2.0]), length=torch.ones(5)
     )
-    assert along_rays(samples, 2).tolist() == [1, 3, 2, 0, 4]
+    assert along_rays(samples).tolist() == [1, 3, 2, 0, 4]
     joined, part = joined_samples([samples, samples[torch.tensor([2, 0])]])
     assert part.tolist() == [0] * 5 + [1] * 2 and joined.depth.tolist() == [2, 5, 1, 5, 2, 1, 2]
 
