@@ -28,7 +28,7 @@ class AnimationTrade:
     """Size of all models."""
     parts: tuple[Literal["designs", "masks", "share", "steps"], ...] = ("designs", "masks", "share", "steps")
     """What to compare: ours, the paper's and the baselines; groups of masking strategies; 20 to 100 % of the data; each
-    sampler at 1 to 1000 steps."""
+    sampler at 1 to 250 steps."""
     designs: tuple[str, ...] = ("ours", "velocity", "paper", "transformer", "lstm", "playable")
     """Designs of the first part; those that pgm-train animation knows."""
     seeds: int = 3

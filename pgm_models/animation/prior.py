@@ -30,10 +30,17 @@ SCALES_S = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 32.0)
 KNOWN_VARIANCE = 1e-6
 """Of what is known, standardised: it keeps matrices well conditioned."""
 LEAST_DOUBT = 0.25
-"""Standardised; the network's unit is never smaller, so that no rare jump outweighs all else."""
+"""Standardised; what the network's unit is at least where nothing is seen of a value, so that no rare jump outweighs
+all else."""
+LEAST_OF_NOISE = 0.5
+"""What it is at least, as a share of the noise, where a value is seen through some: it cannot be far from there."""
 LEAST_SHARE = 1e-3
 """Of all kernels together: a channel that does not vary in the windows seen may vary in others."""
-NO_LAG = 1e-9
+FITTED_NOISE = (1e-4, 1e-2, 1.0)
+"""Variances of noise through which windows are seen when the prior is fitted: little counts what is fast, much what
+is slow."""
+FIRST_SHARE, FIT_RATE, FIT_STEPS = 0.05, 0.1, 200
+"""Of each kernel at first; and step size and number of the descent."""
 _ARRAYS = ("smooth", "rough", "white", "ratio")
 
 
@@ -101,7 +108,7 @@ def derivatives(
 
 
 def fit_prior(batches: Iterable[Windows], layout: Layout) -> TemporalPrior:
-    """The prior whose covariances are nearest to those of the windows, by non-negative least squares.
+    """The prior under which the windows are likeliest, seen through each of `FITTED_NOISE`.
 
     Args:
         batches: Windows of several rates, so that short and long lags are seen.
@@ -111,41 +118,26 @@ def fit_prior(batches: Iterable[Windows], layout: Layout) -> TemporalPrior:
         ValueError: If there are none.
     """
     position, velocity, ratio = derivatives(layout)
-    # Pairs of channels whose covariance is wanted: each with itself, then positions with velocities.
-    left = np.concatenate([np.arange(layout.channels), position])
-    right = np.concatenate([np.arange(layout.channels), velocity])
     there = torch.as_tensor(layout.property_of_channel.copy())
-    lags, sums, counts = [], [], []
+    scales, count = len(SCALES_S), 2 * len(SCALES_S) + 1
+    alone, together = [], []
     for windows in batches:
+        present = windows.valid[..., there]
+        state = (windows.state.double() * present).transpose(1, 2)
+        present = present.transpose(1, 2)
         for rate in torch.unique(windows.rate).tolist():
             rows = windows.rate == rate
-            present = windows.valid[rows][..., there].double()
-            lag, total, count = _products(windows.state[rows].double() * present, present, left, right)
-            lags.append(lag / rate)
-            sums.append(total)
-            counts.append(count)
-    if not lags:
+            times = torch.arange(state.shape[2], dtype=torch.float64) / rate
+            lag = times[:, None] - times
+            alone.append(_seen(state[rows], present[rows], _kernels(lag)))
+            both = [torch.cat([part[rows][:, position], part[rows][:, velocity]], dim=2) for part in (state, present)]
+            together.append(_seen(both[0], both[1], _pair_kernels(lag, torch.as_tensor(ratio))))
+    if not alone:
         raise ValueError("prior: expected windows to fit it to, got none")
-    lag, total, count = np.concatenate(lags), np.concatenate(sums), np.concatenate(counts)
-    mean = np.divide(total, count, out=np.zeros_like(total), where=count > 0)
-    weight = np.sqrt(count)
-    own = np.concatenate([_matern(lag), np.exp(-np.abs(lag)[:, None] / np.asarray(SCALES_S)), _white(lag)], axis=1)
-    shares = np.zeros((layout.channels, own.shape[1]))
-    for channel in np.setdiff1d(np.arange(layout.channels), np.concatenate([position, velocity])):
-        shares[channel] = _shares([own], [mean[:, channel]], [weight[:, channel]])
-    scales = len(SCALES_S)
-    derived, across = _matern_variance(lag), _matern_across(lag)
-    for pair, (p, v) in enumerate(zip(position, velocity, strict=True)):
-        nothing = np.zeros_like(own)
-        rest = np.zeros((len(lag), own.shape[1] - scales))
-        rows = [
-            np.concatenate([own, nothing], axis=1),
-            np.concatenate([ratio[pair] ** 2 * derived, rest, own], axis=1),
-            np.concatenate([ratio[pair] * across, rest, nothing], axis=1),
-        ]
-        places = (p, v, layout.channels + pair)
-        found = _shares(rows, [mean[:, k] for k in places], [weight[:, k] for k in places])
-        shares[p], shares[v] = found[: own.shape[1]], found[own.shape[1] :]
+    shares = _likeliest(alone, count)
+    if len(position):
+        found = _likeliest(together, 2 * count)
+        shares[position], shares[velocity] = found[:, :count], found[:, count:]
     shares[:, -1] += np.maximum(0.0, LEAST_SHARE - shares.sum(axis=1))
     return TemporalPrior(
         smooth=shares[:, :scales],
@@ -157,48 +149,71 @@ def fit_prior(batches: Iterable[Windows], layout: Layout) -> TemporalPrior:
     )
 
 
-def _shares(
-    rows: list[Float[np.ndarray, "lags kernels"]], means: list[np.ndarray], weights: list[np.ndarray]
-) -> Float[np.ndarray, " kernels"]:
-    from scipy.optimize import nnls
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What windows of one rate say of processes."""
 
-    weight = np.concatenate(weights)
-    return nnls(np.concatenate(rows) * weight[:, None], np.concatenate(means) * weight)[0]
-
-
-def _products(
-    values: Tensor, present: Tensor, left: np.ndarray, right: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Lags in frames (of the left channel behind the right one), sums of products there, and their numbers."""
-    frames = values.shape[1]
-    lags = np.arange(1 - frames, frames)
-    sums, counts = np.zeros((len(lags), len(left))), np.zeros((len(lags), len(left)))
-    for row, lag in enumerate(lags):
-        late, early = slice(max(lag, 0), frames + min(lag, 0)), slice(max(-lag, 0), frames - max(lag, 0))
-        for source, into in ((values, sums), (present, counts)):
-            into[row] = (source[:, late][..., left] * source[:, early][..., right]).sum((0, 1)).numpy()
-    return lags, sums, counts
+    moments: Float[Tensor, "processes S S"]
+    """Mean products of their values."""
+    windows: Float[Tensor, " processes"]
+    """Of which they are."""
+    kernels: Float[Tensor, "*processes S S kernels"]
 
 
-def _matern(lag: np.ndarray) -> np.ndarray:
-    reach = math.sqrt(3) * np.abs(lag)[:, None] / np.asarray(SCALES_S)
-    return (1 + reach) * np.exp(-reach)
+def _likeliest(seen: list[_Seen], kernels: int) -> Float[np.ndarray, "processes kernels"]:
+    """Shares of the kernels under which what was seen is likeliest, by descent in their logarithms."""
+    logarithm = torch.full((len(seen[0].moments), kernels), math.log(FIRST_SHARE), dtype=torch.float64)
+    descent = torch.optim.Adam([logarithm], lr=FIT_RATE)
+    for _ in range(FIT_STEPS):
+        shares, slope = logarithm.exp(), torch.zeros_like(logarithm)
+        for part in seen:
+            size = part.moments.shape[-1]
+            flat = part.kernels.reshape(-1, size * size, kernels)
+            clean = (flat @ shares[..., None])[..., 0].unflatten(1, (size, size))
+            own = torch.eye(size, dtype=torch.float64)
+            for noise in FITTED_NOISE:
+                precision = torch.linalg.inv(clean + noise * own)
+                excess = precision - precision @ (part.moments + noise * own) @ precision
+                slope += part.windows[:, None] * (excess.flatten(1)[:, None] @ flat)[:, 0]
+        logarithm.grad = shares * slope
+        descent.step()
+    unseen = torch.stack([part.windows for part in seen]).sum(dim=0) == 0
+    return torch.where(unseen[:, None], 0.0, logarithm.exp()).numpy()
 
 
-def _matern_variance(lag: np.ndarray) -> np.ndarray:
-    scale = np.asarray(SCALES_S)
-    reach = math.sqrt(3) * np.abs(lag)[:, None] / scale
-    return 3 / scale**2 * (1 - reach) * np.exp(-reach)
+def _seen(values: Float[Tensor, "N processes S"], present: Bool[Tensor, "N processes S"], kernels: Tensor) -> _Seen:
+    """Of those windows in which all of a process is there: parts that are left out would pass for what is fast."""
+    whole = present.all(dim=2).double()
+    windows = whole.sum(dim=0)
+    total = torch.einsum("nc,ncs,nct->cst", whole, values, values)
+    return _Seen(moments=total / windows.clamp(min=1.0)[:, None, None], windows=windows, kernels=kernels)
 
 
-def _matern_across(lag: np.ndarray) -> np.ndarray:
-    """Covariance of a process with its derivative that much earlier."""
-    scale = np.asarray(SCALES_S)
-    return 3 * lag[:, None] / scale**2 * np.exp(-math.sqrt(3) * np.abs(lag)[:, None] / scale)
+def _kernels(lag: Float[Tensor, "T T"]) -> Float[Tensor, "T T kernels"]:
+    scales = torch.tensor(SCALES_S, dtype=torch.float64)
+    away = lag.abs()[..., None] / scales
+    reach = math.sqrt(3) * away
+    white = torch.eye(len(lag), dtype=torch.float64)[..., None]
+    return torch.cat([(1 + reach) * torch.exp(-reach), torch.exp(-away), white], dim=-1)
 
 
-def _white(lag: np.ndarray) -> np.ndarray:
-    return (np.abs(lag) < NO_LAG)[:, None].astype(float)
+def _pair_kernels(lag: Float[Tensor, "T T"], ratio: Float[Tensor, " pairs"]) -> Float[Tensor, "pairs 2*T 2*T kernels"]:
+    """Of positions with velocities: first what a kernel of the position brings to both, then the velocity's own."""
+    scales = torch.tensor(SCALES_S, dtype=torch.float64)
+    own = _kernels(lag)
+    count, smooth = own.shape[-1], len(scales)
+    reach = math.sqrt(3) * lag.abs()[..., None] / scales
+    steep = 3 / scales**2 * torch.exp(-reach)
+    across, derived = lag[..., None] * steep, (1 - reach) * steep
+    per = ratio[:, None, None, None]
+    first, second = slice(0, len(lag)), slice(len(lag), None)
+    kernels = torch.zeros(len(ratio), 2 * len(lag), 2 * len(lag), 2 * count, dtype=torch.float64)
+    kernels[:, first, first, :count] = own
+    kernels[:, first, second, :smooth] = per * across
+    kernels[:, second, first, :smooth] = per * across.transpose(0, 1)
+    kernels[:, second, second, :smooth] = per**2 * derived
+    kernels[:, second, second, count:] = own
+    return kernels
 
 
 class Preconditioner(nn.Module):
@@ -289,7 +304,8 @@ class Preconditioner(nn.Module):
             ]
             both = [part.unflatten(2, (2, -1)).transpose(1, 2).flatten(1, 2) for part in _posterior(together, *joint)]
             mean, variance = torch.cat([mean, both[0]], dim=1), torch.cat([variance, both[1]], dim=1)
-        doubt = (variance.clamp(min=0) + LEAST_DOUBT**2).sqrt()
+        least = 1 / (LEAST_DOUBT**-2 + LEAST_OF_NOISE**-2 * gain.square() / noise)
+        doubt = (variance.clamp(min=0) + least).sqrt()
         mean, doubt = mean[:, self.back].transpose(1, 2), doubt[:, self.back].transpose(1, 2)
         return mean.to(x.dtype), doubt.to(x.dtype)
 

@@ -42,7 +42,7 @@ from pgm_models.train import Outcome, TrainOptions, train
 CACHE_NAME = "cache"
 """Folder of a run with what is computed once from its dataset, unless another one is named."""
 HELD_OUT_BATCHES = 8
-PRIOR_WINDOWS, PRIOR_FRAMES = 1024, 24
+PRIOR_WINDOWS, PRIOR_FRAMES = 1024, 16
 """Windows of each of three rates that the prior is fitted to, and their length."""
 SAMPLES = 4
 """Windows that are drawn as the training goes."""

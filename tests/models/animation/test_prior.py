@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from pgm_models.animation.prior import (
     KNOWN_VARIANCE,
     LEAST_DOUBT,
+    LEAST_OF_NOISE,
     SCALES_S,
     Preconditioner,
     TemporalPrior,
@@ -77,7 +78,10 @@ def test_it_is_the_gaussian_posterior_of_what_is_seen(seed, frames, rate, log_sn
     want = (across @ np.linalg.solve(total, value[seen])).reshape(3, frames).T
     variance = (np.diag(K) - np.einsum("is,si->i", across, np.linalg.solve(total, across.T))).reshape(3, frames).T
     np.testing.assert_allclose(mean[0], want, atol=1e-4 * max(1, np.abs(want).max()))
-    np.testing.assert_allclose(doubt[0] ** 2, np.maximum(variance, 0) + LEAST_DOUBT**2, atol=1e-4)
+    seen_through = np.full(3 * frames, np.inf)
+    seen_through[seen] = np.sqrt(noise) / gain
+    least = 1 / (1 / LEAST_DOUBT**2 + 1 / (LEAST_OF_NOISE * seen_through) ** 2)
+    np.testing.assert_allclose(doubt[0] ** 2, np.maximum(variance, 0) + least.reshape(3, frames).T, atol=1e-4)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -117,7 +121,7 @@ def test_known_values_are_told_without_doubt_and_nothing_seen_is_the_average():
     preconditioner, rate, level = Preconditioner(prior), torch.full((2,), 25.0), torch.zeros(2)
     mean, doubt = preconditioner(x, everything, everything, rate, level)
     torch.testing.assert_close(mean, x, atol=1e-2, rtol=0)
-    torch.testing.assert_close(doubt, torch.full_like(doubt, LEAST_DOUBT), atol=1e-3, rtol=0)
+    assert 0 < float(doubt.min()) <= float(doubt.max()) < 0.01
     mean, doubt = preconditioner(x, ~everything, ~everything, rate, level)
     assert bool((mean == 0).all())
     power = torch.as_tensor(prior.smooth.sum(1) + prior.rough.sum(1) + prior.white).float()
