@@ -1,4 +1,7 @@
-"""`pgm evaluate RUN DATASET`: how well a trained animation model does the paper's tasks on matches it has not seen."""
+"""`pgm evaluate RUN DATASET`: how well a trained model does on what it has not seen.
+
+An animation model does the paper's tasks; of a synthesis model, told by its model file, see `evaluate_synthesis`.
+"""
 
 import json
 import tempfile
@@ -31,6 +34,7 @@ class EvaluateCommand:
 
     L2 and Frechet distances of positions, root angles and joints as in the paper, with the distance between real
     windows beside them; best and mean of several samples, energy score, MMD; physics of ball and feet.
+    Of a run of pgm-train synthesis other things are scored: pgm evaluate RUN --help tells which.
     Exit codes: 0 all well; 2 options that do not fit; 4 too few windows to compare.
     """
 
@@ -88,6 +92,10 @@ class EvaluateCommand:
 
 def main(argv: list[str]) -> int:
     """Run the command; its exit code."""
+    if _renders(argv):
+        from .evaluate_synthesis import main as evaluate_synthesis
+
+        return evaluate_synthesis(argv)
     command = tyro.cli(EvaluateCommand, args=argv, prog="pgm evaluate")
     for option, folder in (("DATASET", command.dataset), ("--reference", command.reference)):
         if folder is not None and not (folder / "meta" / "info.json").is_file():
@@ -134,6 +142,16 @@ def main(argv: list[str]) -> int:
             if told:
                 print(f"\n{told['table']}")
     return 0
+
+
+def _renders(argv: list[str]) -> bool:
+    """Whether a word of the command line is a run of pgm-train synthesis."""
+    paths = [Path(word) for word in argv if not word.startswith("-")]
+    if not any(path.exists() for path in paths):
+        return False
+    from pgm_models.synthesis.evaluate_about import about_run
+
+    return any(about_run(path) is not None for path in paths)
 
 
 def _shown(progress: Progress, line: str) -> None:

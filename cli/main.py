@@ -96,6 +96,16 @@ VERBS: dict[str, Verb] = {
         summary="play from words and wanted states, by a trained model",
         example="pgm animate runs/animation --prompt prompt.json --out made",
     ),
+    "render": Verb(
+        module="render",
+        summary="a clip's states as video, from any view, in any clothes",
+        example="pgm render runs/synthesis dataset --clip rally --out rally.mp4",
+    ),
+    "play": Verb(
+        module="play",
+        summary="play with trained models in the browser",
+        example="pgm play runs/animation runs/synthesis",
+    ),
     "evaluate": Verb(
         module="evaluate",
         summary="score a trained model on play that it has not seen",

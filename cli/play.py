@@ -55,7 +55,8 @@ def main(argv: list[str], load_renderer: "LoadRenderer | None" = None) -> int:
 
     Args:
         argv: Words of the command line.
-        load_renderer: Reads a synthesis run for a device, as the option names it; raises ValueError where it is none.
+        load_renderer: Reads a synthesis run for a device, as the option names it, in place of what reads those of
+            pgm-train; raises ValueError where it is none.
     """
     command = tyro.cli(PlayCommand, args=argv, prog="pgm play")
     _check(command)
@@ -68,7 +69,7 @@ def main(argv: list[str], load_renderer: "LoadRenderer | None" = None) -> int:
     renderer = None
     if command.run_syn is not None:
         if load_renderer is None:
-            raise option_error("RUN_SYN", expected="none, as nothing here renders", got=command.run_syn)
+            from pgm_models.synthesis.render_play import load_renderer
         renderer = _renderer(command, command.run_syn, scene, load_renderer)
     return _serve(command, model, scene, renderer)
 

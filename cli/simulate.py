@@ -21,7 +21,7 @@ COURT_IDLE = ("masks", "shutter", "wind", "surface")
 """Options that change nothing where nobody plays."""
 BLOCKS_IDLE = ("motion", "duplicates", "shutter", "wind", "surface")
 """Options that change nothing about walks among blocks."""
-MATCH_OPTIONS = ("pictures", "masks", "motion", "duplicates", "shutter", "wind", "surface")
+MATCH_OPTIONS = ("pictures", "masks", "motion", "duplicates", "shutter", "wind", "surface", "worlds")
 """Options that change nothing about a mix."""
 
 
@@ -68,6 +68,9 @@ class SimulateOptions:
     """Wind along x and y, m/s; calm unless given."""
     surface: Literal["any", "hard", "clay", "grass"] = "any"
     """Of a tennis court."""
+    worlds: int = 0
+    """Different worlds of blocks, each with its light and sky, that the walks take turns in: video number v (from 0)
+    shows world v mod this. Unless given every video has its own world."""
     jobs: int = 0
     """Videos drawn at a time; 0 for one a processor core."""
     resume: bool = False
@@ -116,6 +119,7 @@ def _work(options: SimulateOptions) -> "SimulateWork":
         ("--fps", 25.0 if options.fps is None else options.fps, 1.0, 240.0),
         ("--seed", options.seed, 0, 2**63 - 1),
         ("--jobs", options.jobs, 0, 1024),
+        ("--worlds", options.worlds, 0, 1000),
     ):
         if not low <= value <= high:
             raise option_error(name, expected=f"{low:g} to {high:g}", got=value)
@@ -129,6 +133,7 @@ def _work(options: SimulateOptions) -> "SimulateWork":
         files=MatchFiles(pictures=options.pictures, masks=options.masks),
         dataset=options.dataset and not options.mix,
         seed=options.seed,
+        worlds=options.worlds,
     )
 
 
@@ -148,8 +153,10 @@ def _clip(options: SimulateOptions, scene: "Scene") -> "ClipOptions":
 
     if scene.court is None:
         _refuse_idle(options, BLOCKS_IDLE, "a scene with a court", scene.name)
-    elif not is_played(scene):
-        _refuse_idle(options, COURT_IDLE, "tennis with its two players and its ball", f"the scene {options.scene}")
+    else:
+        _refuse_idle(options, ("worlds",), "the scene blocks", scene.name)
+        if not is_played(scene):
+            _refuse_idle(options, COURT_IDLE, "tennis with its two players and its ball", f"the scene {options.scene}")
     fps = options.fps or (20.0 if scene.court is None else 25.0)
     if not 0.0 < options.minutes <= 600.0 or round(options.minutes * 60 * fps) < 1:
         raise option_error("--minutes", expected="above 0, at least one frame, up to 600", got=options.minutes)

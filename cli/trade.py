@@ -14,6 +14,7 @@ from .trade_ball import trade_ball3d
 from .trade_jobs import NOTHING_USABLE, carried_out
 from .trade_pipeline import trade_pipeline
 from .trade_players import trade_players
+from .trade_synthesis import trade_synthesis
 
 if TYPE_CHECKING:
     from pgm_data.stages.trade_calibrate import TradeOptions
@@ -67,6 +68,7 @@ def main(argv: list[str]) -> int:
             "ball3d": trade_ball3d,
             "pipeline": trade_pipeline,
             "animation": trade_animation,
+            "synthesis": trade_synthesis,
         },
         args=argv,
         prog="pgm trade",

@@ -20,6 +20,11 @@ class SynthesisTraining:
     """Folder of the run: checkpoint, log, model."""
     preset: Literal["nano", "tiny", "small", "base", "paper"] = "small"
     """Size, and how it is trained unless options here say otherwise."""
+    design: Literal[
+        "ours", "no_enhancer", "no_deformation", "no_planes", "no_voxels", "no_style_encoder", "playable"
+    ] = "ours"
+    """Ours; ours without its enhancer, its skinning, its planes, its voxels or its shared style encoder, as the paper
+    compares; or fields of networks at a quarter of the resolution with an upsampler, as in Playable Environments."""
     held_out: float = 0.1
     """Share of each match, its end, that is not trained on."""
     perceptual: Path | None = None

@@ -3,11 +3,13 @@
 import os
 import re
 import signal
+import sys
 from pathlib import Path
 
 import hypothesis
-import jaxtyping
 import pytest
+
+from tests import shape_checks
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -25,8 +27,11 @@ def modules_to_check() -> list[str]:
     return names
 
 
-# Annotated `float` takes an int, as everywhere in Python.
-jaxtyping.install_import_hook(modules_to_check(), "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")
+shape_checks.install(modules_to_check())
+
+# Compiling what the hook and pytest rewrite takes each process a quarter of a minute: kept, whatever the shell says.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # A shell that runs the tests in the background has Ctrl-C ignored, and so would the commands whose Ctrl-C is tested.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

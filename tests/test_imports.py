@@ -52,6 +52,8 @@ def test_every_command_says_its_version(name: str) -> None:
 NEEDED = dict.fromkeys(("ball3d", "view", "players", "caption", "pack", "stats"), ("work",)) | {
     "animate": ("run", "--prompt", "prompt.json", "--out", "work"),
     "evaluate": ("run", "dataset"),
+    "render": ("run", "work", "--out", "video.mp4"),
+    "play": ("run",),
 }
 """Arguments that a verb does not go without."""
 

@@ -59,6 +59,7 @@ def test_site_packages_gets_our_names_alone(site: Path) -> None:
         ("schemas", "*.json", "pgm_data/schemas"),
         ("pgm_data/scenes", "*.yaml", "pgm_data/scenes"),
         ("pgm_data/detect/weights", "*.onnx", "pgm_data/detect/weights"),
+        ("pgm_models/synthesis/play_page", "*.*", "pgm_models/synthesis/play_page"),
     ],
 )
 def test_every_file_of_the_sources_is_installed(site: Path, folder: str, pattern: str, installed: str) -> None:

@@ -1,5 +1,6 @@
 """JSON Schemas (2020-12) of the contract's documents: the one source of `schemas/*.json`."""
 
+from pgm_data.dataset.camera_path_schema import CAMERA_PATH
 from pgm_data.dataset.json_schema import (
     DIALECT,
     Schema,
@@ -399,6 +400,7 @@ KINDS: dict[str, Schema] = {
     "clip": CLIP,
     "run": RUN,
     "camera": CAMERA,
+    "camera_path": CAMERA_PATH,
     "dataset_info": DATASET_INFO,
     "prompt": PROMPT,
 }

@@ -33,6 +33,8 @@ class ClipOptions:
     """Wind along x and y, m/s; calm unless given."""
     surface: Literal["hard", "clay", "grass"] | None = None
     """Of a tennis court; by lot unless given."""
+    world_seed: int | None = None
+    """Of a world of blocks, its light and its sky: the same wherever it is given; the video's own unless given."""
 
     def __post_init__(self) -> None:
         """Check the ranges."""

@@ -68,6 +68,14 @@ def match_seed(seed: int, match: int) -> int:
     return int(np.random.SeedSequence([seed, match]).generate_state(1)[0])
 
 
+def world_seed(seed: int, match: int, worlds: int) -> int | None:
+    """The seed of the world of one match of a run whose matches take turns in so many; None where each has its own."""
+    if not worlds:
+        return None
+    # Not the entropy of any match, which is two numbers long.
+    return int(np.random.SeedSequence([seed, match % worlds, 1]).generate_state(1)[0])
+
+
 def match_name(scene: Scene, seed: int, match: int) -> str:
     """What a match's video, and its clip if it has one only, are called."""
     return f"{scene.name}_{seed}_{match:03d}"

@@ -24,6 +24,7 @@ from pgm_data.simulate.folders import (
     part_path,
     read_part,
     video_of,
+    world_seed,
     write_match,
     write_mix_video,
     write_shots,
@@ -55,6 +56,8 @@ class SimulateWork:
     dataset: bool
     """Whether matches are packed."""
     seed: int
+    worlds: int = 0
+    """Different worlds that matches among blocks take turns in; each has its own where 0."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -93,11 +96,13 @@ def jobs_of(work: SimulateWork) -> list[Job]:
                 arguments=common | {"number": v, "mix": asdict(mixes[v])})
             for v in range(work.count)
         ]  # fmt: skip
-    match = common | {"clip": asdict(work.videos), "files": asdict(work.files)}
+    places = [world_seed(work.seed, m, work.worlds) for m in range(work.count)]
     return [
-        Job(name=match_name(scene, work.seed, m), stage="simulate", entry=ENTRY, arguments=match | {"number": m})
+        Job(name=match_name(scene, work.seed, m), stage="simulate", entry=ENTRY,
+            arguments=common | {"number": m, "files": asdict(work.files),
+                                "clip": asdict(replace(work.videos, world_seed=places[m]))})
         for m in range(work.count)
-    ]
+    ]  # fmt: skip
 
 
 def run_job(arguments: dict, report: Callable[[dict], None]) -> dict:

@@ -18,7 +18,8 @@ def read_camera_path(path: Path) -> CameraPath:
     """The camera path in a JSON file: `width`, `height` and `keys`, each with a `time`, s, and a camera.
 
     A key's camera is `position` and `look_at`, world metres, with `fov_deg`, how wide the picture is (40 unless said),
-    and `roll_deg`; or the `K`, `distortion`, `R_cam_from_world` and `t_cam_from_world` of a CAMERA.json.
+    and `roll_deg`; or the `K`, `distortion`, `R_cam_from_world` and `t_cam_from_world` of a CAMERA.json. The schema
+    `camera_path` says the same to other programs.
 
     Raises:
         ValueError: If the file does not hold such a path; names file and field, what was expected and what was found.

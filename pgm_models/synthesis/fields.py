@@ -10,8 +10,9 @@ from torch import Tensor, nn
 from pgm_data.scene import Scene, SceneObject
 from pgm_models.synthesis.balls import Balls
 from pgm_models.synthesis.bodies import Body, BodyGrids
+from pgm_models.synthesis.computed_worlds import ComputedVolume
 from pgm_models.synthesis.grids import mixed
-from pgm_models.synthesis.presets import FieldOptions
+from pgm_models.synthesis.presets import FieldOptions, SynthesisDesign
 from pgm_models.synthesis.skinning import Poses
 from pgm_models.synthesis.stylists import Stylist, baked, dressed
 from pgm_models.synthesis.surfaces import Plane, Sky, rectangle_of
@@ -49,10 +50,12 @@ class Grids:
 class Fields(nn.Module):
     """One field an object; players of one skeleton share theirs."""
 
-    def __init__(self, scene: Scene, options: FieldOptions, *, seed: int) -> None:
-        """The fields that the scene declares, no larger than it asks for."""
+    def __init__(
+        self, scene: Scene, options: FieldOptions, *, seed: int, design: SynthesisDesign | None = None
+    ) -> None:
+        """The fields that the scene declares, no larger than it asks for; ours unless a design says otherwise."""
         super().__init__()
-        self.scene, self.options = scene, options
+        self.scene, self.options, self.design = scene, options, design or SynthesisDesign()
         self.bodies, self.worlds = nn.ModuleDict(), nn.ModuleDict()
         self.planes, self.skies = nn.ModuleDict(), nn.ModuleDict()
         self.stylists, self.paints = nn.ModuleDict(), nn.ModuleDict()
@@ -73,8 +76,16 @@ class Fields(nn.Module):
                 if key not in self.bodies:
                     size = _up_to(thing.grid, options.voxels)
                     self.bodies[key] = Body(
-                        thing.skeleton, (size[0], size[1], size[2]), inputs, width=options.width, seed=seed
+                        thing.skeleton,
+                        (size[0], size[1], size[2]),
+                        inputs,
+                        width=options.width,
+                        seed=seed,
+                        design=self.design,
                     )
+            case "static" if self.design.volumes == "mlp":
+                inputs = voxel_features
+                self.worlds[key] = ComputedVolume(thing, inputs, width=options.width)
             case "static":
                 inputs = voxel_features
                 self.worlds[key] = StaticVolume(thing, inputs, voxels=options.voxels, width=options.width, seed=seed)
@@ -86,13 +97,19 @@ class Fields(nn.Module):
                 court = self.scene.court if on_ground else None
                 size = _up_to(thing.grid, options.texels)
                 self.planes[key] = Plane(
-                    rectangle, (size[0], size[1]), inputs, width=options.width, seed=seed, court=court
+                    rectangle,
+                    (size[0], size[1]),
+                    inputs,
+                    width=options.width,
+                    seed=seed,
+                    court=court,
+                    design=self.design,
                 )
                 if court is not None:
                     self.paints[key] = nn.Linear(options.style, options.features)
             case "skybox":
                 size = _up_to(thing.grid, options.texels)
-                self.skies[key] = Sky((size[0], size[1]), inputs, width=options.width, seed=seed)
+                self.skies[key] = Sky((size[0], size[1]), inputs, width=options.width, seed=seed, design=self.design)
         if key not in self.stylists:
             self.stylists[key] = Stylist(inputs, options.style, options.features)
         self.key_of[thing.name] = key
@@ -109,11 +126,17 @@ class Fields(nn.Module):
         assert isinstance(found, Body)
         return found
 
-    def world(self, name: str) -> StaticVolume:
+    def world(self, name: str) -> StaticVolume | ComputedVolume:
         """The field of a static object."""
         found = self.worlds[name]
-        assert isinstance(found, StaticVolume)
+        assert isinstance(found, StaticVolume | ComputedVolume)
         return found
+
+    def computed(self, key: str) -> bool:
+        """Whether a field has no cells: its values are computed at each sample, and dressed there."""
+        if key in self.bodies or key in self.worlds:
+            return self.design.volumes == "mlp"
+        return (key in self.planes or key in self.skies) and self.design.planes == "mlp"
 
     def stylist(self, name: str) -> Stylist:
         """What dresses an object."""
@@ -123,7 +146,7 @@ class Fields(nn.Module):
 
     def grids(self) -> Grids:
         """What all networks make."""
-        surfaces = {name: self.surface(name).grown() for name in [*self.planes, *self.skies]}
+        surfaces = {name: self.surface(name).table() for name in [*self.planes, *self.skies]}
         return Grids(
             bodies={name: self.body(name).grids() for name in self.bodies},
             worlds={name: self.world(name).grids() for name in self.worlds},
@@ -156,6 +179,8 @@ class Wardrobe:
         """Features of points of an object: cells about them, their weights, and the points' frames."""
         name = self.fields.scene.objects[thing].name
         key, stylist = self.fields.key_of[name], self.fields.stylist(name)
+        if self.fields.computed(key):
+            return stylist(shares, frame, self.style(thing))  # the weights of unit vectors are the values
         return dressed(
             stylist, self.grids.values(key), rows, shares, frame, self.style(thing), self.fields.options.stylising
         )
@@ -176,10 +201,11 @@ class BakedWardrobe(Wardrobe):
                 f"{fields.options.stylising}"
             )
         super().__init__(fields, grids, styles)
-        self._tables: list[Tensor] = []
+        self._tables: dict[int, Tensor] = {}
         for number, thing in enumerate(fields.scene.objects):
-            values = grids.values(fields.key_of[thing.name])
-            self._tables.append(baked(fields.stylist(thing.name), values, self.style(number)))
+            key = fields.key_of[thing.name]
+            if not fields.computed(key):
+                self._tables[number] = baked(fields.stylist(thing.name), grids.values(key), self.style(number))
 
     def wear(
         self,
@@ -188,5 +214,7 @@ class BakedWardrobe(Wardrobe):
         shares: Float[Tensor, "points corners"],
         frame: Int[Tensor, " points"],
     ) -> Float[Tensor, "points features"]:
-        """Features of points of an object; frames do not matter."""
+        """Features of points of an object; frames do not matter. What has no cells is dressed anew."""
+        if thing not in self._tables:
+            return super().wear(thing, rows, shares, torch.zeros_like(frame))
         return mixed(self._tables[thing], rows, shares)

@@ -1,17 +1,19 @@
-"""Meshes inserted into a rendered scene: of one look, fixed to a joint or to the world, and kept from the enhancer.
+"""Meshes inserted into a rendered scene: of one colour, fixed to a joint or to the world.
 
 Like the ball, a mesh may be narrower than a pixel: several rays through each pixel are followed through its grid of
 distances, and the pixel sees their mean. Source: Menapace et al. 2023, appendix B.2, where the joint's blending weights
 are raised about the mesh; here the mesh follows the joint exactly, at its own size.
 """
 
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
-from torch.nn import functional
 
 from pgm_models.synthesis.balls import optical_of_share
 from pgm_models.synthesis.bodies import Marched
@@ -30,8 +32,6 @@ PIXELS_AT_ONCE = 1 << 14
 """Upper bound, which keeps the memory of a picture that a mesh fills small."""
 STEEPEST = 3**0.5 * 1.001
 """How much distances between the cells of a grid change in a metre, at most, with room for rounding."""
-SEEN = 1 / 255
-"""Share of a pixel below which a mesh is not seen in it."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -48,8 +48,15 @@ class InsertedMesh:
     """Signed distance, metres, the last axis varying fastest."""
     density: float
     """Inside, 1/m."""
-    features: Float[Tensor, "1 features"]
-    """What all of it looks like: three of colour, 0 to 1, and 0 for the enhancer."""
+    colour: Float[Tensor, "1 3"]
+    """Of all of it, RGB 0 to 1."""
+
+    @property
+    def intervals(self) -> int:
+        """Into how many a ray's way through the grid's box is cut: none is longer than a cell."""
+        cells = torch.tensor([count - 1 for count in self.size], device=self.low.device)
+        cell = ((self.high - self.low) / cells.clamp(min=1)).amax()
+        return max(1, math.ceil(float((self.high - self.low).norm() / cell)))
 
     def to(self, device: torch.device | str) -> "InsertedMesh":
         """The same on a device."""
@@ -57,20 +64,16 @@ class InsertedMesh:
         return replace(self, **moved)
 
 
-def inserted_mesh(
-    grid: DistanceGrid, *, colour: tuple[float, float, float], features: int, density: float = SOLID
-) -> InsertedMesh:
-    """The mesh of a grid of distances in one colour, RGB 0 to 1, with that many features.
+def inserted_mesh(grid: DistanceGrid, *, colour: tuple[float, float, float], density: float = SOLID) -> InsertedMesh:
+    """The mesh of a grid of distances in one colour, RGB 0 to 1.
 
     Raises:
-        ValueError: If the colour is not 0 to 1, the density not above 0, or there are fewer than 3 features.
+        ValueError: If the colour is not 0 to 1, or the density not above 0.
     """
     if not all(0 <= part <= 1 for part in colour):
         raise ValueError(f"colour: expected RGB 0 to 1, got {colour}")
     if not density > 0:
         raise ValueError(f"density: expected above 0 / m, got {density}")
-    if features < len(colour):
-        raise ValueError(f"features: expected 3 or more, got {features}")
     x, y, z = grid.distance.shape
     return InsertedMesh(
         low=torch.as_tensor(grid.low, dtype=torch.float32),
@@ -78,7 +81,7 @@ def inserted_mesh(
         size=(x, y, z),
         distance=torch.as_tensor(grid.distance.reshape(-1, 1), dtype=torch.float32),
         density=density,
-        features=torch.tensor([[*colour, *[0.0] * (features - len(colour))]]),
+        colour=torch.tensor([colour]),
     )
 
 
@@ -128,8 +131,67 @@ def fixed_in_world(
     return Placement(R_mesh_from_world=R.expand(frames, 3, 3), t_mesh_from_world=t.expand(frames, 3))
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Insertion:
+    """Meshes that move together: with a joint of a player, or not at all."""
+
+    meshes: tuple[InsertedMesh, ...]
+    player: str
+    """The player object that they move with; empty where they stand still."""
+    joint: int
+    """Of the player's skeleton; 0 where they stand still."""
+    R: Float[np.ndarray, "3 3"]
+    """R_joint_from_mesh, of all meshes; R_world_from_mesh where they stand still."""
+    t: Float[np.ndarray, " 3"]
+    """The translation with it, metres."""
+
+    def to(self, device: torch.device | str) -> "Insertion":
+        """The same on a device."""
+        return replace(self, meshes=tuple(mesh.to(device) for mesh in self.meshes))
+
+    def placement(self, poses: Mapping[str, Poses], frames: int) -> Placement | None:
+        """Where the meshes are in each of some frames; None without the player.
+
+        Raises:
+            ValueError: If the player has no such joint.
+        """
+        if not self.player:
+            return fixed_in_world(self.R, self.t, frames, device=self.meshes[0].low.device)
+        if self.player not in poses:
+            return None
+        return fixed_to_joint(poses[self.player], self.joint, self.R, self.t)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Placed:
+    """A mesh where it is in each frame of a batch."""
+
+    mesh: InsertedMesh
+    placement: Placement
+    near: Int[Tensor, " some"] | None = None
+    """The rays that may meet it; all of them where None."""
+
+    def boxes(self) -> Boxes:
+        """A box of the world about the mesh in each frame."""
+        ends = torch.stack([self.mesh.low, self.mesh.high])
+        corners = torch.stack([ends[list(which), [0, 1, 2]] for which in product((0, 1), repeat=3)])
+        R, t = self.placement.R_mesh_from_world, self.placement.t_mesh_from_world
+        world = (corners - t[:, None]) @ R
+        return Boxes(low=world.amin(dim=1), high=world.amax(dim=1))
+
+
+def placed_meshes(insertions: Sequence[Insertion], poses: Mapping[str, Poses], frames: int) -> list[Placed]:
+    """All meshes that are there; those of players who are not there are left out.
+
+    Raises:
+        ValueError: As `Insertion.placement`.
+    """
+    found = [(each, each.placement(poses, frames)) for each in insertions]
+    return [Placed(mesh=mesh, placement=at) for each, at in found if at is not None for mesh in each.meshes]
+
+
 def march_mesh(rays: Rays, mesh: InsertedMesh, placement: Placement, *, count: int) -> Marched:
-    """One sample for each ray whose pixel the mesh is seen in; its cell is the only row of `features`.
+    """One sample for each ray whose pixel the mesh is seen in; its cell is the only row of `colour`.
 
     Args:
         rays: Of any frames.
@@ -228,33 +290,3 @@ def _followed(rays: Rays, mesh: InsertedMesh, count: int) -> tuple[Float[Tensor,
         on = torch.nonzero((number < count) & (hidden[ray] < OPAQUE))[:, 0]
         ray, number = ray[on], number[on]
     return hidden, torch.where(hidden > 0, first, 0.0), looked_at
-
-
-def inserted_mask(
-    shares: Float[Tensor, "*batch height width"], *, contour_px: int
-) -> Float[Tensor, "*batch height width"]:
-    """1 in pixels in which inserted meshes are seen, and within `contour_px` of them along rows and columns; else 0.
-
-    Args:
-        shares: How much of each pixel they are, 0 to 1.
-        contour_px: Pixels about them on which an enhancer that has never seen such things leaves traces.
-
-    Raises:
-        ValueError: If the contour is below 0 pixels.
-    """
-    if contour_px < 0:
-        raise ValueError(f"contour_px: expected 0 or more, got {contour_px}")
-    seen = (shares > SEEN).to(shares.dtype).reshape(-1, 1, *shares.shape[-2:])
-    return functional.max_pool2d(seen, 2 * contour_px + 1, stride=1, padding=contour_px).reshape(shares.shape)
-
-
-def spared(
-    enhanced: Float[Tensor, "*batch 3 height width"],
-    rendered: Float[Tensor, "*batch 3 height width"],
-    mask: Float[Tensor, "*batch height width"],
-) -> Float[Tensor, "*batch 3 height width"]:
-    """Enhanced pictures with the colours that were rendered where the mask is 1.
-
-    Source: Menapace et al. 2023, appendix B.2.
-    """
-    return torch.lerp(enhanced, rendered, mask[..., None, :, :])

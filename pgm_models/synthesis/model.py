@@ -1,8 +1,9 @@
 """The synthesis model as one thing: fields, style encoder, enhancer, and the file it is kept in."""
 
+import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import torch
@@ -14,11 +15,14 @@ from pgm_data.scene import load_scene
 from pgm_models.checkpoint import CHECKPOINT_NAME, load_checkpoint
 from pgm_models.synthesis.enhancer import Enhancer
 from pgm_models.synthesis.fields import Fields
-from pgm_models.synthesis.presets import EnhancerOptions, FieldOptions, StyleOptions
-from pgm_models.synthesis.style_encoder import StyleEncoder
+from pgm_models.synthesis.presets import EnhancerOptions, FieldOptions, StyleOptions, SynthesisDesign
+from pgm_models.synthesis.sparse_pictures import Upsampler
+from pgm_models.synthesis.style_encoder import OwnStyleEncoders, StyleEncoder
 
 MODEL_NAME = "model.safetensors"
 """File name of a run's averaged weights with all that is needed to use them."""
+STYLES = "match_styles"
+"""Tensor of a model file beside the weights: styles of matches, whose names are in its metadata."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -34,22 +38,43 @@ class ModelOptions:
     """Width and height of the pictures it learned from, pixels."""
     seed: int
     """Of the fixed noise that grids grow from."""
+    design: SynthesisDesign = field(default_factory=SynthesisDesign)
+    """What it is made of; ours in files that do not say."""
 
 
 class SynthesisModel(nn.Module):
     """Pictures of any state from any view."""
+
+    _worn: Tensor
 
     def __init__(self, options: ModelOptions) -> None:
         """Raise ValueError where the scene is none, or declares what cannot be rendered; names the field."""
         super().__init__()
         self.options = options
         self.scene = load_scene(options.scene)
-        self.fields = Fields(self.scene, options.fields, seed=options.seed)
-        self.encoder = StyleEncoder(options.style, len(self.scene.objects), options.fields.style)
+        self.fields = Fields(self.scene, options.fields, seed=options.seed, design=options.design)
+        encoder = StyleEncoder if options.design.encoder == "shared" else OwnStyleEncoders
+        self.encoder = encoder(options.style, len(self.scene.objects), options.fields.style)
         self.enhancer: Enhancer | None = None
-        if options.enhancer.widths:
+        self.upsampler: Upsampler | None = None
+        if options.design.picture == "upsampled":
+            self.upsampler = Upsampler(options.fields.features, width=options.enhancer.widths[0])
+        elif options.design.picture == "enhanced" and options.enhancer.widths:
             style = len(self.scene.objects) * options.fields.style
             self.enhancer = Enhancer(options.fields.features, style, options.enhancer)
+        self._matches: tuple[str, ...] = ()
+        nothing = torch.zeros(0, len(self.scene.objects), options.fields.style)
+        self.register_buffer("_worn", nothing, persistent=False)
+
+    @property
+    def match_styles(self) -> Mapping[str, Float[Tensor, "objects style"]]:
+        """What the objects of each match that it learned from look like; none before it is trained to the end."""
+        return dict(zip(self._matches, self._worn, strict=True))
+
+    def keep_styles(self, styles: Mapping[str, Float[Tensor, "objects style"]]) -> None:
+        """Keep the styles of matches, by name, in place of those kept so far; they are saved with the model."""
+        self._matches = tuple(styles)
+        self._worn = torch.stack([*styles.values()]).to(self.device) if styles else self._worn[:0]
 
     @property
     def device(self) -> torch.device:
@@ -62,6 +87,8 @@ class SynthesisModel(nn.Module):
         styles: Float[Tensor, "pictures objects style"],
     ) -> Float[Tensor, "pictures 3 height width"]:
         """Final pictures of what rays saw; without an enhancer the colours themselves."""
+        if self.upsampler is not None:
+            return self.upsampler(features)
         if self.enhancer is None:
             return features[:, :3]
         return self.enhancer(features, styles.flatten(1))
@@ -88,9 +115,20 @@ def options_from_json(raw: Mapping) -> ModelOptions:
             style=StyleOptions(**style),
             picture=(int(raw["picture"][0]), int(raw["picture"][1])),
             seed=int(raw["seed"]),
+            design=SynthesisDesign(**raw.get("design", {})),
         )
     except (KeyError, TypeError, IndexError) as error:
         raise ValueError(f"model: expected the options of a synthesis model, got {error!r}") from error
+
+
+def weights_digest(model: SynthesisModel) -> str:
+    """SHA-256 of the model's weights, of what it is, and of the styles that it keeps."""
+    found = hashlib.sha256(json.dumps(options_to_json(model.options), sort_keys=True).encode())
+    styles = {f"match {name}": value for name, value in model.match_styles.items()}
+    for name, value in sorted({**model.state_dict(), **styles}.items()):
+        found.update(name.encode())
+        found.update(value.detach().cpu().contiguous().numpy().tobytes())
+    return found.hexdigest()
 
 
 def save_model(path: Path, model: SynthesisModel, about: Mapping[str, object]) -> None:
@@ -99,6 +137,9 @@ def save_model(path: Path, model: SynthesisModel, about: Mapping[str, object]) -
 
     metadata = {"pgm_synthesis": json.dumps(options_to_json(model.options)), "about": json.dumps(about)}
     tensors = {name: value.detach().cpu().contiguous().clone() for name, value in model.state_dict().items()}
+    if model.match_styles:
+        tensors[STYLES] = torch.stack([*model.match_styles.values()]).cpu()
+        metadata[STYLES] = json.dumps([*model.match_styles])
     path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as temporary:
         save_file(tensors, temporary, metadata=metadata)
@@ -134,7 +175,9 @@ def _read(path: Path, device: torch.device | str) -> SynthesisModel:
             if "pgm_synthesis" not in about:
                 raise ValueError(f"{path}: expected a synthesis model, got a safetensors file of something else")
             model = SynthesisModel(options_from_json(json.loads(about["pgm_synthesis"])))
-            model.load_state_dict({name: file.get_tensor(name) for name in file.keys()})
+            model.load_state_dict({name: file.get_tensor(name) for name in file.keys() if name != STYLES})
+            names = json.loads(about.get(STYLES, "[]"))
+            model.keep_styles(dict(zip(names, file.get_tensor(STYLES), strict=True)) if names else {})
     except (SafetensorError, RuntimeError) as error:
         raise ValueError(f"{path}: expected a synthesis model, got {error}") from error
     return model.eval().requires_grad_(False).to(device)

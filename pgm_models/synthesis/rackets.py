@@ -82,7 +82,6 @@ def racket_bed(measures: RacketMeasures) -> Mesh:
 def inserted_racket(
     measures: RacketMeasures,
     *,
-    features: int,
     frame: tuple[float, float, float] = (0.12, 0.12, 0.14),
     bed: tuple[float, float, float] = (0.75, 0.75, 0.7),
     cell: float = 0.005,
@@ -91,7 +90,6 @@ def inserted_racket(
 
     Args:
         measures: Of the racket.
-        features: Of what fields give out.
         frame: Colour, RGB 0 to 1.
         bed: Colour of the strings.
         cell: Of the frame's grid, metres; that of the strings is half as thick as they are.
@@ -99,8 +97,8 @@ def inserted_racket(
     solid = distance_grid(racket_frame(measures), cell)
     strings = distance_grid(racket_bed(measures), measures.bed / 2)
     return (
-        inserted_mesh(solid, colour=frame, features=features),
-        inserted_mesh(strings, colour=bed, features=features, density=measures.bed_density),
+        inserted_mesh(solid, colour=frame),
+        inserted_mesh(strings, colour=bed, density=measures.bed_density),
     )
 
 

@@ -1,7 +1,7 @@
 """What rays see: surfaces behind, volumes in front, each ray's samples in the order of their depth."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import torch
 from jaxtyping import Float, Int
@@ -11,6 +11,7 @@ from pgm_data.scene import SceneObject
 from pgm_models.synthesis.balls import ball_shares, optical_of_share
 from pgm_models.synthesis.bodies import Marched
 from pgm_models.synthesis.fields import Fields, Grids, States, Wardrobe
+from pgm_models.synthesis.insertions import Placed, march_mesh
 from pgm_models.synthesis.rays import Rays
 from pgm_models.synthesis.samples import Samples, along_rays, joined_samples, summed, weights_of
 from pgm_models.synthesis.surfaces import Met
@@ -41,10 +42,22 @@ class Rendered:
     """Mean over what is seen, metres along the ray; inf where some of it is nothing."""
     shares: Float[Tensor, "rays objects"]
     """How much of the pixel each object is, 0 to 1."""
+    inserted: Float[Tensor, " rays"] | None
+    """The same of all inserted meshes; None where none is inserted."""
     looked_at: int
     """Samples of volumes whose density was asked for."""
     dressed: int
     """Samples that were given features."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Known:
+    """What is at hand of some rays before they are followed."""
+
+    behind: Background | None = None
+    """Their background."""
+    near: Mapping[str, Int[Tensor, " some"]] = field(default_factory=dict)
+    """For volumes by object: the rays that may meet them; all where it says nothing of one."""
 
 
 def background(rays: Rays, fields: Fields, wardrobe: Wardrobe) -> Background:
@@ -55,18 +68,19 @@ def background(rays: Rays, fields: Fields, wardrobe: Wardrobe) -> Background:
     met: dict[int, Met] = {}
     for number, each in enumerate(fields.scene.objects):
         if each.name in fields.planes or each.name in fields.skies:
-            met[number] = fields.surface(each.name).meet(rays)
+            with _exactly(rays):
+                met[number] = fields.surface(each.name).meet(rays)
             nearer = met[number].depth < depth
             depth = torch.where(nearer, met[number].depth, depth)
             thing = torch.where(nearer, number, thing)
     for number, each in met.items():
         own = torch.nonzero(thing == number)[:, 0]
         frame = rays.frame[own]
-        worn = wardrobe.wear(number, each.rows[own], each.shares[own], frame)
+        worn = wardrobe.wear(number, each.rows[own], each.shares[own], frame).to(features.dtype)
         name = fields.scene.objects[number].name
         if name in fields.paints:
             style = wardrobe.style(number)
-            raw = fields.paints[name](style)
+            raw = fields.paints[name](style).to(features.dtype)
             painted = torch.cat([torch.sigmoid(raw[:, :3]), raw[:, 3:]], dim=1)
             painted = painted[frame] if len(style) > 1 else painted
             worn = torch.lerp(worn, painted.expand_as(worn), each.paint[own, None])
@@ -81,8 +95,8 @@ def render(
     states: States,
     wardrobe: Wardrobe,
     *,
-    behind: Background | None = None,
-    near: Mapping[str, Int[Tensor, " some"]] | None = None,
+    inserted: Sequence[Placed] = (),
+    known: Known | None = None,
     jitter: torch.Generator | None = None,
 ) -> Rendered:
     """What each ray sees.
@@ -93,28 +107,33 @@ def render(
         grids: What their networks make.
         states: What moves.
         wardrobe: Dresses samples.
-        behind: The rays' background, where it is at hand already.
-        near: For volumes by object: the rays that may meet them; all where it says nothing of one.
+        inserted: Meshes that are no objects of the scene.
+        known: What is at hand of the rays already.
         jitter: Draws where in its interval each sample lies; in the middle without.
     """
-    behind = background(rays, fields, wardrobe) if behind is None else behind
+    known = known or Known()
+    behind = background(rays, fields, wardrobe) if known.behind is None else known.behind
     parts: list[tuple[int, Marched]] = []
     for number, each in enumerate(fields.scene.objects):
-        some = None if near is None else near.get(each.name)
-        own = rays if some is None else rays[some]
-        marched = _marched(each, own, fields, grids, states, jitter)
+        some = known.near.get(each.name)
+        with _exactly(rays):
+            marched = _marched(each, rays if some is None else rays[some], fields, grids, states, jitter)
         if marched is not None:
-            ray = marched.samples.ray if some is None else some[marched.samples.ray]
-            samples = Samples(ray=ray, depth=marched.samples.depth, length=marched.samples.length)
-            parts.append((number, _in_front(marched, samples, behind.depth)))
+            parts.append((number, _in_front(marched, some, behind.depth)))
     objects = len(fields.scene.objects)
-    shares = rays.direction.new_zeros(len(rays), objects)
+    for number, each in enumerate(inserted, objects):
+        own = rays if each.near is None else rays[each.near]
+        with _exactly(rays):
+            marched = march_mesh(own, each.mesh, each.placement, count=each.mesh.intervals)
+        parts.append((number, _in_front(marched, each.near, behind.depth)))
+    shares = rays.direction.new_zeros(len(rays), objects + len(inserted))
     looked_at = sum(part.looked_at for _, part in parts)
     if not sum(len(part.samples) for _, part in parts):
         return Rendered(
             features=behind.features,
             depth=behind.depth,
-            shares=_with_background(shares, torch.ones_like(behind.depth), behind),
+            shares=_with_background(shares[:, :objects], torch.ones_like(behind.depth), behind),
+            inserted=shares[:, objects:].sum(dim=1) if inserted else None,
             looked_at=looked_at,
             dressed=0,
         )
@@ -130,7 +149,10 @@ def render(
         kept = torch.nonzero(weights[own].detach() > FAINT)[:, 0]
         chosen = own[kept]
         ray, weight = samples.ray[chosen], weights[chosen]
-        worn = wardrobe.wear(number, each.rows[kept], each.shares[kept], rays.frame[ray])
+        if number < objects:
+            worn = wardrobe.wear(number, each.rows[kept], each.shares[kept], rays.frame[ray]).to(features.dtype)
+        else:
+            worn = _coloured(inserted[number - objects], features)
         features = features.index_add(0, ray, weight[:, None] * worn)
         shares = shares.index_put((samples.ray[own], torch.full_like(own, number)), weights[own], accumulate=True)
         dressed += len(kept)
@@ -139,10 +161,16 @@ def render(
     return Rendered(
         features=features,
         depth=torch.where(there | (passed < FAINT), depth, torch.inf),
-        shares=_with_background(shares, passed, behind),
+        shares=_with_background(shares[:, :objects], passed, behind),
+        inserted=shares[:, objects:].sum(dim=1) if inserted else None,
         looked_at=looked_at,
         dressed=dressed,
     )
+
+
+def _exactly(rays: Rays) -> torch.autocast:
+    """Places are found with all digits, wherever networks are computed with fewer."""
+    return torch.autocast(rays.direction.device.type, enabled=False)
 
 
 def _marched(
@@ -150,7 +178,8 @@ def _marched(
 ) -> Marched | None:
     """Samples of the rays in a volume; None of what is no volume."""
     name, key = thing.name, fields.key_of[thing.name]
-    count = min(fields.options.samples, thing.samples_per_ray)
+    wanted = fields.options.world_samples if name in fields.worlds else fields.options.samples
+    count = min(wanted, thing.samples_per_ray)
     if name in states.poses:
         drawn = _drawn(rays, count, jitter)
         return fields.body(key).march(rays, states.poses[name], grids.bodies[key], count=count, jitter=drawn)
@@ -177,16 +206,24 @@ def _drawn(rays: Rays, count: int, jitter: torch.Generator | None) -> Tensor | N
     return torch.rand(len(rays), count, generator=jitter, device=jitter.device).to(rays.direction.device)
 
 
-def _in_front(marched: Marched, samples: Samples, depth: Float[Tensor, " rays"]) -> Marched:
-    """Those samples that no surface hides."""
-    kept = torch.nonzero(samples.depth < depth[samples.ray])[:, 0]
+def _in_front(marched: Marched, some: Int[Tensor, " some"] | None, depth: Float[Tensor, " rays"]) -> Marched:
+    """Those samples that no surface hides, of all rays, where only some of them were followed."""
+    ray = marched.samples.ray if some is None else some[marched.samples.ray]
+    kept = torch.nonzero(marched.samples.depth < depth[ray])[:, 0]
+    own = marched.samples[kept]
     return Marched(
-        samples=samples[kept],
+        samples=Samples(ray=ray[kept], depth=own.depth, length=own.length),
         optical=marched.optical[kept],
         rows=marched.rows[kept],
         shares=marched.shares[kept],
         looked_at=marched.looked_at,
     )
+
+
+def _coloured(placed: Placed, features: Float[Tensor, "rays features"]) -> Float[Tensor, "1 features"]:
+    """What a mesh looks like: its colour, and nothing for the enhancer."""
+    colour = placed.mesh.colour.to(features.dtype)
+    return torch.nn.functional.pad(colour, (0, features.shape[1] - colour.shape[1]))
 
 
 def _with_background(

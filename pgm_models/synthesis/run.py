@@ -1,7 +1,7 @@
 """A training run of the synthesis model: a dataset with videos in; checkpoint, log, pictures and one model file out."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -12,9 +12,10 @@ from pgm_models.checkpoint import CHECKPOINT_NAME, provenance
 from pgm_models.processes import device_of, launched_processes, leads
 from pgm_models.synthesis.frames import FrameStore, held_out, read_frames
 from pgm_models.synthesis.losses import eye_loss
+from pgm_models.synthesis.match_styles import match_styles
 from pgm_models.synthesis.model import MODEL_NAME, ModelOptions, SynthesisModel, save_model
 from pgm_models.synthesis.patches import PatchOptions, PatchSource
-from pgm_models.synthesis.presets import PRESETS
+from pgm_models.synthesis.presets import PRESETS, PresetChanges, changed_preset, design_named
 from pgm_models.synthesis.rays import camera_rays, picture_pixels
 from pgm_models.synthesis.surfaces import Plane
 from pgm_models.synthesis.task import SynthesisTask
@@ -39,6 +40,10 @@ class SynthesisRunOptions:
     """Folder of the run."""
     preset: str = "small"
     """Of `PRESETS`."""
+    design: str = "ours"
+    """Of `SYNTHESIS_DESIGNS`."""
+    changes: PresetChanges = field(default_factory=PresetChanges)
+    """What is otherwise than in the preset."""
     held_out: float = 0.1
     """Share of each match, its end, that is not trained on."""
     perceptual: Path | None = None
@@ -71,7 +76,7 @@ def train_synthesis(
         ValueError: If the dataset has no frame with a camera and a picture, or the run was begun with other options.
         FloatingPointError: If a loss is not finite; names the frames.
     """
-    preset = PRESETS[options.preset]
+    design, preset = design_named(options.design), changed_preset(PRESETS[options.preset], options.changes)
     store = read_frames(options.dataset, picture=preset.picture)
     store.check_videos()
     apart = held_out(store, share=options.held_out)
@@ -92,6 +97,7 @@ def train_synthesis(
         style=preset.style,
         picture=store.size,
         seed=0,
+        design=design,
     )
     torch.manual_seed(options.seed)
     model = SynthesisModel(model_options)
@@ -107,9 +113,12 @@ def train_synthesis(
         data={
             "dataset": options.dataset.name,
             "preset": options.preset,
+            "design": options.design,
+            "changes": asdict(options.changes),
             "held_out": options.held_out,
             "frames": len(learned),
         },
+        look=_look(judged if len(judged) else learned),
     )
     training = TrainOptions(
         steps=0 if options.minutes else options.steps or preset.steps,
@@ -128,12 +137,25 @@ def train_synthesis(
     if outcome.state == "done" and leads():
         assert isinstance(outcome.network, SynthesisModel)
         figures = task.validate(outcome.network)
+        outcome.network.keep_styles(match_styles(outcome.network, learned))
         about = {"step": outcome.step, "elapsed_s": round(outcome.elapsed_s, 1), "held_out": figures, **task.describe()}
         about.pop("model")
         about |= {"seed": options.seed, **provenance(command)}
         save_model(options.run / MODEL_NAME, outcome.network, about)
+        task.look(outcome.network, options.run, outcome.step)
         show("held out: " + "  ".join(f"{name} {value:.4g}" for name, value in figures.items()))
     return outcome
+
+
+def _look(store: FrameStore) -> Callable[[SynthesisModel, Path, int], None]:
+    """What draws a few frames of a store as the model renders them."""
+
+    def look(model: SynthesisModel, run: Path, step: int) -> None:
+        from pgm_models.synthesis.training_pictures import training_pictures
+
+        training_pictures(store)(model, run, step)
+
+    return look
 
 
 def fit_planes(model: SynthesisModel, store: FrameStore) -> None:

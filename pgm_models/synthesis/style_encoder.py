@@ -17,6 +17,8 @@ from pgm_models.synthesis.presets import StyleOptions
 
 SAMPLES = 4
 """Places within a crop's pixel, along each axis, whose mean it is."""
+OWN_CROP = 4
+"""Of an object's own network: pixels of its crop along each axis for one of those that all objects share."""
 MEAN_RGB = (0.485, 0.456, 0.406)
 STD_RGB = (0.229, 0.224, 0.225)
 """Of the pictures that ResNet-18 is trained on, channel by channel, of 1."""
@@ -65,6 +67,41 @@ class StyleEncoder(nn.Module):
         return torch.where(seen[..., None], codes, self.unseen)
 
 
+class OwnStyleEncoders(nn.Module):
+    """The same with a network for each object, which sees the picture's crop of it alone and shares nothing.
+
+    What the paper compares its encoder with. Codes of one object mean nothing to another.
+    Source: Menapace et al. 2022, Playable Environments, and 2023, section 5.2.2.
+    """
+
+    def __init__(self, options: StyleOptions, objects: int, style: int) -> None:
+        """Fresh weights, for that many objects and numbers of a style."""
+        super().__init__()
+        self.crop = OWN_CROP * options.crop
+        side = self.crop
+        for _ in range(len(options.widths) + 1):  # the stem's first convolution and pooling, and a half for each more
+            side = -(-side // 2)
+        cells = options.widths[-1] * side**2
+        self.stems = nn.ModuleList(ResidualStem(options.widths) for _ in range(objects))
+        self.norms = nn.ModuleList(nn.LayerNorm(cells) for _ in range(objects))
+        self.outs = nn.ModuleList(nn.Linear(cells, style) for _ in range(objects))
+        self.unseen = nn.Parameter(torch.zeros(objects, style))
+        """The codes of objects that a picture does not show."""
+
+    def forward(
+        self, pictures: Float[Tensor, "B 3 H W"], boxes_px: Float[Tensor, "B objects 4"]
+    ) -> Float[Tensor, "B objects style"]:
+        """The codes; as of `StyleEncoder`."""
+        size = (pictures.shape[2], pictures.shape[3])
+        seen = shown(boxes_px, size)
+        whole = boxes_px.new_tensor([-0.5, -0.5, size[1] - 0.5, size[0] - 0.5])
+        boxes = torch.where(seen[..., None], boxes_px, whole)
+        crops = cropped([pictures], boxes, size, self.crop, finest=0)[:, :, :3]
+        parts = zip(self.stems, self.norms, self.outs, crops.unbind(dim=1), strict=True)
+        codes = torch.stack([out(norm(stem(crop)[-1].flatten(1))) for stem, norm, out, crop in parts], dim=1)
+        return torch.where(seen[..., None], codes, self.unseen)
+
+
 def shown(boxes_px: Float[Tensor, "*any 4"], size: tuple[int, int]) -> Bool[Tensor, "*any"]:
     """Whether each box, x0, y0, x1, y1, has an area within a picture of that height and width."""
     end = boxes_px.new_tensor([size[1] - 0.5, size[0] - 0.5])
@@ -77,23 +114,26 @@ def cropped(
     boxes_px: Float[Tensor, "B objects 4"],
     size: tuple[int, int],
     crop: int,
+    *,
+    finest: int = 1,
 ) -> Float[Tensor, "B objects channels crop crop"]:
     """Crops of features at several scales, one scale's channels after the other's, and last the share of the picture.
 
     A crop's pixel is the mean of places spread over it, 0 where these are outside the picture.
 
     Args:
-        scales: Features, the k-th (from 1) of which has a cell at every 2^k-th pixel, pixel 0 the first.
+        scales: Features, the k-th of which, counted from `finest`, has a cell at every 2^k-th pixel, pixel 0 the first.
         boxes_px: x0, y0, x1, y1 of what is cropped.
         size: Of the picture, height and width.
         crop: Pixels of a crop along each axis.
+        finest: Of the scales.
     """
     places = (torch.arange(crop * SAMPLES, device=boxes_px.device) + 0.5) / (crop * SAMPLES)
     x, y = (boxes_px[..., axis, None].lerp(boxes_px[..., axis + 2, None], places) for axis in (0, 1))
     within = [(line >= -0.5) & (line <= side - 0.5) for line, side in ((x, size[1]), (y, size[0]))]
     inside = (within[1][..., :, None] & within[0][..., None, :]).to(boxes_px.dtype)
     parts = []
-    for number, features in enumerate(scales, start=1):
+    for number, features in enumerate(scales, start=finest):
         # grid_sample has -1 and 1 on the outer edges of the first and the last cell.
         across, down = ((2 * line / 2**number + 1) / features.shape[axis] - 1 for line, axis in ((x, 3), (y, 2)))
         grid = torch.stack(torch.broadcast_tensors(across[..., None, :], down[..., :, None]), dim=-1)

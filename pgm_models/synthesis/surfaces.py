@@ -12,8 +12,12 @@ from pgm_data.court import Court
 from pgm_data.scene import SceneObject
 from pgm_models.synthesis.boxes import NEAREST_M
 from pgm_models.synthesis.grids import Grown, corners_of
+from pgm_models.synthesis.place_networks import PlaceNetwork, unit_rows
+from pgm_models.synthesis.presets import SynthesisDesign
 from pgm_models.synthesis.rays import Rays
 
+WAVES = 10
+"""Frequencies of a place in a surface that is computed: down to a 1024th of its length."""
 PAINTED_AT_ONCE = 1 << 17
 """Upper bound on the rays whose lines are looked for at once, which keeps the memory of large pictures small."""
 KNOTS = 65
@@ -90,11 +94,19 @@ class Plane(nn.Module):
         width: int,
         seed: int,
         court: Court | None = None,
+        design: SynthesisDesign | None = None,
     ) -> None:
-        """A grid of that size over the rectangle; with a court, its painted lines as they lie on the ground."""
+        """A grid of that size over the rectangle; with a court, its painted lines as they lie on the ground.
+
+        Of a design it is told whether a network takes the grid's place.
+        """
         super().__init__()
         self.size = size
-        self.grown = Grown(size, features, width=width, seed=seed)
+        self.grown: Grown | PlaceNetwork
+        if design is None or design.planes == "texels":
+            self.grown = Grown(size, features, width=width, seed=seed)
+        else:
+            self.grown = PlaceNetwork(2, features, width=width, waves=WAVES)
         edges = np.stack([rectangle.right, rectangle.up])
         normal = np.cross(*edges)
         for name, value in (
@@ -119,6 +131,10 @@ class Plane(nn.Module):
         """Points of the plane by their share of its two edges, 0 to 1 within."""
         return (points - self.corner) @ self.edges.T
 
+    def table(self) -> Float[Tensor, "cells inputs"]:
+        """What is dressed, of which `Met` tells the rows."""
+        return table_of(self.grown, self.normal.device)
+
     def meet(self, rays: Rays) -> Met:
         """Where each ray meets the rectangle; nowhere where it runs along it."""
         towards = rays.direction @ self.normal
@@ -126,7 +142,12 @@ class Plane(nn.Module):
         share = self.across(rays.at(torch.where(torch.isfinite(depth), depth, 0.0)))
         inside = ((share >= 0) & (share <= 1)).all(dim=1)
         met = torch.isfinite(depth) & (depth > NEAREST_M) & inside
-        rows, weights = corners_of(mapped(self.maps, share.clamp(0.0, 1.0)), self.size)
+        places = mapped(self.maps, share.clamp(0.0, 1.0))
+        if isinstance(self.grown, PlaceNetwork):
+            weights = self.grown(places)
+            rows = unit_rows(weights)
+        else:
+            rows, weights = corners_of(places, self.size)
         depth = torch.where(met, depth, torch.inf)
         return Met(depth=depth, rows=rows, shares=weights, paint=self._painted(rays, depth, towards))
 
@@ -145,6 +166,11 @@ class Plane(nn.Module):
                 steps.append(depth[near, None] * moved[:, :2])
             paint[near] = covered(at, torch.stack(steps, dim=1), self.lines)
         return paint
+
+
+def table_of(content: Grown | PlaceNetwork, device: torch.device) -> Float[Tensor, "cells inputs"]:
+    """A grid's cells; of a network the unit vectors."""
+    return content() if isinstance(content, Grown) else torch.eye(content.channels, device=device)
 
 
 def mapped(maps: Float[Tensor, "axes knots"], share: Float[Tensor, "points axes"]) -> Float[Tensor, "points axes"]:
@@ -213,14 +239,30 @@ def share_below(
 class Sky(nn.Module):
     """The field of what is so far away that only its direction counts."""
 
-    def __init__(self, size: tuple[int, int], features: int, *, width: int, seed: int) -> None:
-        """A grid of that size over all directions: once round the horizon, and from straight down to straight up."""
+    def __init__(
+        self, size: tuple[int, int], features: int, *, width: int, seed: int, design: SynthesisDesign | None = None
+    ) -> None:
+        """A grid of that size over all directions: once round the horizon, and from straight down to straight up.
+
+        Of a design it is told whether a network takes the grid's place; that is asked about directions.
+        """
         super().__init__()
         self.size = size
-        self.grown = Grown(size, features, width=width, seed=seed)
+        self.grown: Grown | PlaceNetwork
+        if design is None or design.planes == "texels":
+            self.grown = Grown(size, features, width=width, seed=seed)
+        else:
+            self.grown = PlaceNetwork(3, features, width=width, waves=WAVES)
+
+    def table(self) -> Float[Tensor, "cells inputs"]:
+        """What is dressed, of which `Met` tells the rows."""
+        return table_of(self.grown, next(self.grown.parameters()).device)
 
     def meet(self, rays: Rays, depth: float = 1e6) -> Met:
         """Where each ray ends; every one does, at that depth."""
+        if isinstance(self.grown, PlaceNetwork):
+            values, none = self.grown(0.5 + 0.5 * rays.direction), torch.zeros_like(rays.direction[:, 0])
+            return Met(depth=torch.full_like(none, depth), rows=unit_rows(values), shares=values, paint=none)
         x, y, z = rays.direction.unbind(dim=1)
         turn = (torch.atan2(y, x) / (2 * math.pi)) % 1.0 * self.size[0]
         height = (torch.asin(z.clamp(-1.0, 1.0)) / math.pi + 0.5)[:, None]

@@ -9,11 +9,13 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from pgm_models.image_metrics import psnr_of_error
-from pgm_models.synthesis.fields import Wardrobe
+from pgm_models.synthesis.fields import Grids, Wardrobe
 from pgm_models.synthesis.losses import EyeLoss, reconstruction_losses
 from pgm_models.synthesis.model import ModelOptions, SynthesisModel, options_to_json
 from pgm_models.synthesis.patches import rays_in, states_in
 from pgm_models.synthesis.renderer import render
+from pgm_models.synthesis.sparse_pictures import cell_of_pixels, followed_pixels, spread
+from pgm_models.synthesis.worlds import air_loss
 from pgm_models.train import Batch, Task
 
 
@@ -48,13 +50,18 @@ class SynthesisTask(Task):
         return self._batch(index)
 
     def loss(self, network: nn.Module, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
-        """The sum, without weights, of what differs before the enhancer and after it."""
+        """The sum, without weights, of what differs before the enhancer and after it, and what thin air costs."""
         assert isinstance(network, SynthesisModel)
-        raw, made = rendered_patches(network, batch, jitter=_jitter(batch))
+        grids = network.fields.grids()
+        raw, made = rendered_patches(network, grids, batch, jitter=_jitter(batch))
         targets = batch.tensors["targets"]
         terms = {f"raw_{name}": value for name, value in reconstruction_losses(raw, targets, self._eye).items()}
-        if network.enhancer is not None:
+        if network.upsampler is not None:
+            terms = reconstruction_losses(made, targets, self._eye)
+        elif network.enhancer is not None:
             terms |= reconstruction_losses(made, targets, self._eye)
+        if grids.worlds:
+            terms["air"] = air_loss(grids.worlds)
         return torch.stack(list(terms.values())).sum(), {name: value.detach() for name, value in terms.items()}
 
     @torch.no_grad()
@@ -66,7 +73,7 @@ class SynthesisTask(Task):
         errors, losses = [], []
         for each in self._held_out:
             batch = each.to(network.device)
-            raw, made = rendered_patches(network, batch, jitter=None)
+            raw, made = rendered_patches(network, network.fields.grids(), batch, jitter=None)
             errors.append([_error(part, batch.tensors["targets"]) for part in (raw, made)])
             losses.append(float(self.loss(network, batch)[0]))
         before, after = (sum(values) / len(values) for values in zip(*errors, strict=True))
@@ -83,17 +90,25 @@ class SynthesisTask(Task):
 
 
 def rendered_patches(
-    model: SynthesisModel, batch: Batch, *, jitter: torch.Generator | None
+    model: SynthesisModel, grids: Grids, batch: Batch, *, jitter: torch.Generator | None
 ) -> tuple[Float[Tensor, "patches 3 size size"], Float[Tensor, "patches 3 size size"]]:
     """The colours of a batch's patches before the enhancer and after it, RGB 0 to 1."""
     tensors = batch.tensors
     read = model.encoder(tensors["pictures"], tensors["boxes_px"])
     objects = torch.arange(read.shape[1], device=read.device)
     styles = read[tensors["wears"], objects]
-    grids = model.fields.grids()
     wardrobe = Wardrobe(model.fields, grids, styles)
-    seen = render(rays_in(batch), model.fields, grids, states_in(batch, model.scene), wardrobe, jitter=jitter)
     patches, _, size, _ = tensors["targets"].shape
+    rays, states = rays_in(batch), states_in(batch, model.scene)
+    if model.upsampler is None:
+        seen = render(rays, model.fields, grids, states, wardrobe, jitter=jitter)
+    else:
+        start = torch.arange(0, len(rays), size**2, device=read.device)[:, None]
+        followed = (start + followed_pixels(size, size, read.device)).flatten()
+        seen = render(rays[followed], model.fields, grids, states, wardrobe, jitter=jitter)
+        cell = cell_of_pixels(size, size, read.device)
+        cells = len(followed) // patches
+        seen = spread(seen, (torch.arange(patches, device=read.device)[:, None] * cells + cell).flatten())
     features = seen.features.unflatten(0, (patches, size, size)).permute(0, 3, 1, 2)
     return features[:, :3], model.enhanced(features, styles[tensors["patch_frame"]])
 

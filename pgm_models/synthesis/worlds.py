@@ -6,6 +6,7 @@ through it does not look. Neither changes what is seen: the first leaves out zer
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,8 +27,12 @@ BURST = 4
 """Samples of a ray that are looked at before asking whether it sees on, and how far it is in air."""
 RAYS_AT_ONCE = 16384
 """Followed together on a CPU, whose caches hold no more."""
+OWN = 10.0
+"""How many times faster than the network's weights what cells hold of their own is learned."""
 FAINT = 2.0
 """Density below which training may take what a cell holds for air, 1/m."""
+AIR = 4e-3
+"""What a world all of whose cells are just too dense for air adds to the loss."""
 ROUNDING = 1e-3
 """Relative to what cells hold: what interpolating between cells may add to the greatest of them, and more."""
 
@@ -84,7 +89,12 @@ class WorldGrids:
 
 
 class StaticVolume(nn.Module):
-    """The field of a box of the world."""
+    """The field of a box of the world.
+
+    Convolutions make what cells have in common with their neighbours; what each holds beside it is its own. A room has
+    more to tell than the few weights of a network that grows it can say, and pictures that show it from all sides; a
+    body's network has many poses to learn from.
+    """
 
     low: Tensor
     high: Tensor
@@ -101,14 +111,15 @@ class StaticVolume(nn.Module):
         self.register_buffer("low", torch.as_tensor(low, dtype=torch.float32))
         self.register_buffer("high", torch.as_tensor(high, dtype=torch.float32))
         self.grown = Grown(self.size, features + 1, width=width, seed=seed)
+        self.own = nn.Parameter(torch.zeros(math.prod(self.size), features + 1))
         bias = self.grown.out.bias
         assert bias is not None
         with torch.no_grad():
             bias[0] = -5.0  # about 0.7 / m: through metres of it something is still seen
 
     def grids(self) -> WorldGrids:
-        """What the networks make."""
-        cells = self.grown()
+        """What the network makes, and what cells hold of their own."""
+        cells = self.grown() + OWN * self.own
         return world_grids(cells[:, :1].contiguous(), cells[:, 1:].contiguous(), self.size)
 
     def spans(self, rays: Rays) -> Spans:
@@ -252,6 +263,11 @@ def faintness(grids: WorldGrids) -> Float[Tensor, ""]:
     """
     low, high = (math.log(math.expm1(density / DENSITY_SCALE)) for density in (0.5 * THIN, FAINT))
     return ((grids.density - low) / (high - low)).clamp(0.0, 1.0).mean()
+
+
+def air_loss(worlds: Mapping[str, WorldGrids]) -> Float[Tensor, ""]:
+    """What training adds to its loss for worlds that hold thin air, at least one: `AIR` of their `faintness`."""
+    return AIR * torch.stack([faintness(grids) for grids in worlds.values()]).sum()
 
 
 def room_of(raw: Float[Tensor, " cells"], size: tuple[int, int, int]) -> Int[Tensor, " cells"]:

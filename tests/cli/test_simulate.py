@@ -50,6 +50,10 @@ THREE = ["--matches", "3", "--minutes", "0.002", "--pictures", "none", "--scene"
         (["--mix", "5", "--seed", "-1"], "--seed"),
         (["--matches", "1", "--scene", "badminton", "--masks"], "--masks"),
         (["--matches", "1", "--scene", "blocks", "--wind", "1", "0"], "--wind"),
+        (["--matches", "1", "--worlds", "1"], "--worlds"),
+        (["--matches", "1", "--scene", "badminton", "--worlds", "1"], "--worlds"),
+        (["--matches", "1", "--scene", "blocks", "--worlds", "-1"], "--worlds"),
+        (["--mix", "5", "--worlds", "1"], "--worlds"),
     ],
 )
 def test_bad_options_are_named_and_nothing_is_written(

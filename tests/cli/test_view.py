@@ -73,16 +73,19 @@ def test_the_page_is_served_until_the_time_is_over(work: Path, capsys: pytest.Ca
     options = ["--clip", "b", "--no-open", "--seconds", "3", "--port", "18191", "--pictures"]
     served = threading.Thread(target=lambda: codes.append(run(["view", str(work), *options])))
     served.start()
-    page, said = b"", ""
+    page, said, complained = b"", "", ""
     for _ in range(100):
         time.sleep(0.05)
-        said += capsys.readouterr().out
+        told = capsys.readouterr()
+        said, complained = said + told.out, complained + told.err
         found = re.search(r"http://127\.0\.0\.1:\d+", said)
         if found is not None:
             with urllib.request.urlopen(found[0], timeout=5) as answer:
                 page = answer.read()
             break
     served.join(timeout=30)
+    told = capsys.readouterr()
+    said, complained = said + told.out, complained + told.err
     assert codes == [0] and b"<html" in page.lower() and "b, 8 frames" in said
     # The clip's video was never drawn.
-    assert "b: no pictures: source_path: expected its video" in capsys.readouterr().err
+    assert "b: no pictures: source_path: expected its video" in complained

@@ -16,7 +16,7 @@ CLIP = clip_document("rally.00", scene=load_scene("tennis"), frames=12)
 
 
 def test_every_kind_of_the_contract_is_there():
-    assert document_kinds() == ("scene", "skeleton", "clip", "run", "camera", "dataset_info", "prompt")
+    assert document_kinds() == ("scene", "skeleton", "clip", "run", "camera", "camera_path", "dataset_info", "prompt")
 
 
 @pytest.mark.parametrize(("kind", "value"), [("clip", CLIP), ("run", run_document())])

@@ -1,4 +1,6 @@
 import json
+import os
+import socket
 import subprocess
 import sys
 from contextlib import nullcontext
@@ -47,15 +49,27 @@ def _losses(run):
     return [line["loss"] for line in lines], [line["gradient"] for line in lines]
 
 
-def test_two_processes_have_the_losses_of_one(tmp_path):
+def test_two_processes_have_the_losses_of_one(tmp_path, monkeypatch):
     script = tmp_path / "plane.py"
     script.write_text(SCRIPT)
-    launch = ["-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
-    for way, name in (([], "one"), (launch, "two")):
-        done = subprocess.run(
-            [sys.executable, *way, script, tmp_path / name], capture_output=True, text=True, timeout=100
-        )
-        assert done.returncode == 0, done.stderr[-2000:]
+    # As torchrun starts them, without a third process to start them in.
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = str(free.getsockname()[1])
+    group = {"WORLD_SIZE": "2", "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": port, "OMP_NUM_THREADS": "1"}
+    command = [sys.executable, script, tmp_path / "two"]
+    ranks = [
+        subprocess.Popen(command, env=os.environ | group | {"RANK": rank}, stderr=subprocess.PIPE, text=True)
+        for rank in ("0", "1")
+    ]
+    try:
+        said = [rank.communicate(timeout=300)[1] for rank in ranks]
+    finally:
+        for rank in ranks:
+            rank.kill()
+            rank.wait()
+    assert [rank.returncode for rank in ranks] == [0, 0], said[0][-2000:] + said[1][-2000:]
+    monkeypatch.setattr(sys, "argv", [str(script), str(tmp_path / "one")])
+    exec(compile(SCRIPT, str(script), "exec"), {"__name__": "__main__"})
     torch.testing.assert_close(_losses(tmp_path / "one"), _losses(tmp_path / "two"), rtol=1e-5, atol=1e-7)
 
 

@@ -14,9 +14,9 @@ from pgm_data.dataset.check import check_paths
 from pgm_data.dataset.documents import read_document
 from pgm_data.dataset.tables import read_table
 from pgm_data.scene import load_scene, scene_text
-from pgm_data.simulate.clip import simulate_clip
+from pgm_data.simulate.clip import simulate_clip, simulate_shots
 from pgm_data.simulate.clip_options import ClipOptions
-from pgm_data.simulate.folders import match_seed
+from pgm_data.simulate.folders import match_seed, world_seed
 from pgm_data.simulate.mask_files import DEPTH_UNIT_M
 from pgm_data.video import open_video
 
@@ -86,6 +86,25 @@ def test_every_byte_is_the_same_with_workers_in_other_processes(scene: str, more
     for jobs in ("1", "2"):
         assert run(["simulate", "--out", str(tmp_path / jobs), *argv, "--jobs", jobs]) == 0
     assert _contents(tmp_path / "1") == _contents(tmp_path / "2")
+
+
+def test_matches_take_turns_in_as_many_worlds_as_asked_for(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    argv = ["simulate", "--out", str(out), "--scene", "blocks", "--matches", "3", "--minutes", "0.001", "--seed", "7"]
+    assert run([*argv, "--worlds", "2", "--pictures", "none", "--resolution", "128x72", "--jobs", "1"]) == 0
+    assert read_document(out / "work" / "run.json", "run")["options"]["worlds"] == 2
+    first, second, third = (world_seed(7, match, 2) for match in range(3))
+    assert first == third != second and world_seed(7, 0, 0) is None
+    assert first not in {match_seed(7, match) for match in range(3)}
+    for match, place in enumerate((first, second, third)):
+        options = ClipOptions(frames=1, width=128, height=72, fps=20.0, world_seed=place)
+        truth = simulate_clip(load_scene("blocks"), options, match_seed(7, match))
+        camera = read_table(out / "work" / f"blocks_7_00{match}" / "camera.parquet")
+        np.testing.assert_array_equal(camera["camera.t_cam_from_world"], truth.track.t_cam_from_world)
+        root = read_table(out / "work" / f"blocks_7_00{match}" / "players.parquet")["player0.root_position"]
+        (shot,) = simulate_shots(load_scene("blocks"), options, match_seed(7, match))
+        assert shot.states is not None
+        np.testing.assert_allclose(root, shot.states.players[0].translations[:, 0], atol=1e-5)
 
 
 def test_tables_and_dataset_keep_the_contract_with_all_their_laws(tmp_path: Path) -> None:

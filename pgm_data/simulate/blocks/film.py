@@ -20,7 +20,15 @@ def film_shots(scene: Scene, options: ClipOptions, seed: int) -> Iterator[Simula
         raise ValueError(f"scene {scene.name}: expected blocks or a scene with a court to draw, got no court")
     size = (options.width, options.height)
     first = 0
-    for shot in blocks_shots(scene, seed, frames=options.frames, fps=options.fps, size=size, quality=options.quality):
+    for shot in blocks_shots(
+        scene,
+        seed,
+        frames=options.frames,
+        fps=options.fps,
+        size=size,
+        quality=options.quality,
+        world_seed=options.world_seed,
+    ):
         yield _filmed(shot, first)
         first += len(shot.timestamps)
 

@@ -79,11 +79,13 @@ def blocks_shots(
     fps: float,
     size: tuple[int, int],
     quality: Quality = "full",
+    world_seed: int | None = None,
 ) -> Iterator[BlocksShot]:
     """The shots of one match of so many frames; they depend on the arguments alone.
 
     Nothing is drawn until a picture is asked for. The motion, the captions and the world depend on the seed alone:
-    other frame rates and sizes look at the same match.
+    other frame rates and sizes look at the same match. With a seed of its own the world, its light and its sky are
+    the same in all matches that have it; who walks there, where to, and the camera's way are the match's.
 
     Raises:
         ValueError: If the scene has not one player of the skeleton `blocks13`, or a number is out of range.
@@ -93,16 +95,16 @@ def blocks_shots(
     if frames < 1 or not 0 < fps <= 1000 or min(size) < 16:
         raise ValueError(f"blocks_shots: expected frames >= 1, 0 < fps <= 1000, sizes >= 16, got {frames, fps, size}")
     number = int(seed.integers(2**63)) if isinstance(seed, np.random.Generator) else int(seed)
-    return _shots(scene, number, frames, fps, size, quality)
+    return _shots(scene, number, world_seed, frames=frames, fps=fps, size=size, fine=quality == "full")
 
 
 def _shots(
-    scene: Scene, seed: int, frames: int, fps: float, size: tuple[int, int], quality: Quality
+    scene: Scene, seed: int, world_seed: int | None, *, frames: int, fps: float, size: tuple[int, int], fine: bool
 ) -> Iterator[BlocksShot]:
-    world, ways = _place(seed)
+    world, ways = _place(seed if world_seed is None else world_seed)
     rng = np.random.default_rng([seed, 1])
     orbit = draw_orbit(rng, size)
-    studio = Studio(world, int(rng.integers(2**31)), fine=quality == "full")
+    studio = Studio(world, int(rng.integers(2**31)), fine=fine, light_seed=world_seed)
     first, shot = 0, 0
     while first < frames:
         rng = np.random.default_rng([seed, 2, shot])

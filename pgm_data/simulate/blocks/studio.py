@@ -58,10 +58,11 @@ def _draw_daytime(rng: np.random.Generator) -> _Daytime:
 class Studio:
     """The pictures of one match; what is costly is made when the first one is asked for."""
 
-    def __init__(self, world: BlockWorld, seed: int, *, fine: bool) -> None:
-        """With `fine`, 3 x 3 samples where edges cross a pixel; else one."""
+    def __init__(self, world: BlockWorld, seed: int, *, fine: bool, light_seed: int | None = None) -> None:
+        """With `fine`, 3 x 3 samples where edges cross a pixel; else one. Light and sky may have an own seed."""
         self.world = world
         self.seed = seed
+        self.light_seed = seed if light_seed is None else light_seed
         self.fine = fine
 
     @cached_property
@@ -76,11 +77,11 @@ class Studio:
 
     @cached_property
     def _daytime(self) -> _Daytime:
-        return _draw_daytime(np.random.default_rng([self.seed, 1]))
+        return _draw_daytime(np.random.default_rng([self.light_seed, 1]))
 
     @cached_property
     def _sky(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        return draw_sky(np.random.default_rng([self.seed, 2]))
+        return draw_sky(np.random.default_rng([self.light_seed, 2]))
 
     @cached_property
     def _static(self) -> Rectangles:

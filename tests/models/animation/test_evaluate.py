@@ -331,15 +331,15 @@ def test_numbers_that_are_not_finite_are_refused_with_their_place():
 
 def test_physics_alone_is_judged_against_the_same_steps_of_the_real_windows():
     options = replace(OPTIONS, tasks=("completion",))
-    scores = evaluate_physics(mean, real_windows(0), LAYOUT, options, scene=TENNIS)
+    scores = evaluate_physics(mean, real_windows(0, 24), LAYOUT, options, scene=TENNIS)
     found = {(s.made.object, s.made.name): s for s in scores if not s.settled}
     settled = {(s.made.object, s.made.name): s for s in scores if s.settled}
     assert settled.keys() == found.keys()
     fast = found["ball", "too_fast"]
     assert fast.task == "completion" and fast.rate == 4.0 and fast.real.value == 0.0
-    assert fast.made.count == fast.real.count == 64 * 5
+    assert fast.made.count == fast.real.count == 24 * 5
     assert found["ball", "ball_residual"].made.value == pytest.approx(9.81, rel=0.1)
-    noisy = evaluate_physics(noise, real_windows(0), LAYOUT, options, scene=TENNIS)
+    noisy = evaluate_physics(noise, real_windows(0, 24), LAYOUT, options, scene=TENNIS)
     raw, better = (
         next(s for s in noisy if (s.made.object, s.made.name, s.settled) == ("ball", "ball_residual", settled))
         for settled in (False, True)

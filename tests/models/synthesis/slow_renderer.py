@@ -5,6 +5,7 @@ put in order of depth and let through what is behind them one after the other.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,8 +16,9 @@ from pgm_models.synthesis.balls import Balls
 from pgm_models.synthesis.bodies import DENSITY_SCALE, THIN, Body, BodyGrids
 from pgm_models.synthesis.boxes import NEAREST_M
 from pgm_models.synthesis.fields import Fields, Grids, States
+from pgm_models.synthesis.insertions import SUBPIXELS, Placed
 from pgm_models.synthesis.rays import Rays
-from pgm_models.synthesis.skinning import TINY, Poses
+from pgm_models.synthesis.skinning import TINY, Poses, Skinning
 from pgm_models.synthesis.stylists import Stylist
 from pgm_models.synthesis.surfaces import Plane, Sky
 from pgm_models.synthesis.worlds import StaticVolume
@@ -57,13 +59,20 @@ class SlowPicture:
     features: Float[np.ndarray, "rays features"]
     depth: Float[np.ndarray, " rays"]
     shares: Float[np.ndarray, "rays objects"]
+    inserted: Float[np.ndarray, " rays"]
 
 
 def slow_picture(
-    rays: Rays, fields: Fields, grids: Grids, states: States, styles: Float[Tensor, "frames objects style"]
+    rays: Rays,
+    fields: Fields,
+    grids: Grids,
+    states: States,
+    styles: Float[Tensor, "frames objects style"],
+    inserted: Sequence[Placed] = (),
 ) -> SlowPicture:
     """What each ray sees; arguments as of `renderer.render`."""
     features, depths, shares = [], [], []
+    things = len(fields.scene.objects)
     for ray in single_rays(rays):
         seen: list[Seen] = []
         for number, thing in enumerate(fields.scene.objects):
@@ -71,7 +80,8 @@ def slow_picture(
             stylist = fields.stylists[key]
             assert isinstance(stylist, Stylist)
             style = array(styles[ray.frame if len(styles) > 1 else 0, number])
-            count = min(fields.options.samples, thing.samples_per_ray)
+            wanted = fields.options.world_samples if thing.name in fields.worlds else fields.options.samples
+            count = min(wanted, thing.samples_per_ray)
             dress = Dress(stylist=stylist, style=style, per_cell=fields.options.stylising == "grid")
             if thing.name in states.poses:
                 body = fields.bodies[key]
@@ -96,11 +106,19 @@ def slow_picture(
                 sky = fields.skies[thing.name]
                 assert isinstance(sky, Sky)
                 seen += sky_seen(ray, sky, array(grids.surfaces[thing.name]), dress, number)
-        one = composed(seen, fields.options.features, len(fields.scene.objects))
+        for number, placed in enumerate(inserted, things):
+            seen += mesh_seen(ray, placed, fields.options.features, number)
+        one = composed(seen, fields.options.features, things + len(inserted))
         features.append(one[0])
         depths.append(one[1])
         shares.append(one[2])
-    return SlowPicture(features=np.array(features), depth=np.array(depths), shares=np.array(shares))
+    all_shares = np.array(shares)
+    return SlowPicture(
+        features=np.array(features),
+        depth=np.array(depths),
+        shares=all_shares[:, :things],
+        inserted=all_shares[:, things:].sum(axis=1),
+    )
 
 
 def composed(seen: list[Seen], features: int, things: int) -> tuple[np.ndarray, float, np.ndarray]:
@@ -257,6 +275,7 @@ class SlowBody:
 def slow_body(body: Body, grids: BodyGrids) -> SlowBody:
     """The body with these grids."""
     skinning = body.skinning
+    assert isinstance(skinning, Skinning)
     return SlowBody(
         body=body,
         density=array(grids.density).reshape(*body.size, 1),
@@ -316,6 +335,37 @@ def ball_seen(ray: Ray, balls: Balls, features: np.ndarray, thing: int) -> list[
         held += float(((centres**2).sum(axis=1)[:, None] - along**2 < balls.radius**2).mean())
     share = held / BALL_SPOTS
     return [Seen(depth=depth, hidden=share, features=features, thing=thing)] if share > 0 else []
+
+
+def mesh_seen(ray: Ray, placed: Placed, features: int, thing: int) -> list[Seen]:
+    """An inserted mesh on a ray, through several places of its pixel."""
+    mesh = placed.mesh
+    R, t = (array(each[ray.frame]) for each in (placed.placement.R_mesh_from_world, placed.placement.t_mesh_from_world))
+    low, high, count = array(mesh.low), array(mesh.high), mesh.intervals
+    distance = array(mesh.distance).reshape(*mesh.size, 1)
+    hidden, away = [], []
+    for x, y in np.ndindex(SUBPIXELS, SUBPIXELS):
+        spot = [(place + 0.5) / SUBPIXELS - 0.5 for place in (x, y)]
+        direction = R @ (ray.direction + spot[0] * ray.across + spot[1] * ray.down)
+        own = Ray(
+            origin=R @ ray.origin + t,
+            direction=direction / np.linalg.norm(direction),
+            across=ray.across,
+            down=ray.down,
+            frame=ray.frame,
+        )
+        inside = [
+            (depth, length)
+            for depth, length in samples_in(box_span(own, low, high), count)
+            if interpolated(distance, (own.origin + depth * own.direction - low) / (high - low))[0] < 0
+        ]
+        hidden.append(1.0 - math.exp(-mesh.density * sum(length for _, length in inside)))
+        away.append(inside[0][0] if inside else 0.0)
+    if not any(hidden):
+        return []
+    colour = np.concatenate([array(mesh.colour)[0], np.zeros(features - 3)])
+    share, depth = float(np.mean(hidden)), float(np.dot(hidden, away) / np.sum(hidden))
+    return [Seen(depth=depth, hidden=share, features=colour, thing=thing)]
 
 
 def plane_seen(

@@ -6,7 +6,16 @@ import torch
 from scipy.interpolate import RegularGridInterpolator
 from torch.nn import functional
 
-from pgm_models.synthesis.grids import Grown, corners_of, fetched, first_corners, mixed, near_any
+from pgm_models.synthesis.grids import (
+    SLOW_VALUES,
+    Convolution3d,
+    Grown,
+    corners_of,
+    fetched,
+    first_corners,
+    mixed,
+    near_any,
+)
 from tests.models.synthesis.toy_bodies import drawn
 
 SIZES = [(5, 4, 7), (2, 2, 2), (3, 9), (6, 1, 4), (1, 5), (8,), (1, 1, 1)]
@@ -110,3 +119,21 @@ def test_cells_run_along_the_last_axis_first() -> None:
 def test_sizes_of_other_kinds_are_refused(size: tuple[int, ...]) -> None:
     with pytest.raises(ValueError, match="size: expected two or three numbers of 1 or more, got"):
         Grown(size, 2, width=4, seed=0)
+
+
+@pytest.mark.parametrize("size", [(5, 4, 7), (1, 3, 2), (2, 1, 1), (1, 1, 1), (72, 72, 2)])
+def test_convolutions_over_volumes_are_those_of_torch(size: tuple[int, int, int]) -> None:
+    torch.manual_seed(0)
+    layer = Convolution3d(4, 6).double()
+    inputs = drawn(1, 4, *size, dtype=torch.float64).requires_grad_()
+    assert (4 * size[0] * size[1] > SLOW_VALUES) == (size == (72, 72, 2))  # either side of the border between two ways
+    expected = functional.conv3d(inputs, layer.weight, layer.bias, padding=1)
+    found = layer(inputs)
+    torch.testing.assert_close(found, expected, rtol=0, atol=1e-12)
+    back = drawn(*expected.shape, seed=1, dtype=torch.float64)
+    given = [inputs, *layer.parameters()]
+    for own, other in zip(
+        torch.autograd.grad(found, given, back), torch.autograd.grad(expected, given, back), strict=True
+    ):
+        torch.testing.assert_close(own, other, rtol=1e-12, atol=1e-10)
+    assert set(layer.state_dict()) == {"weight", "bias"} and layer.weight.shape == (6, 4, 3, 3, 3)

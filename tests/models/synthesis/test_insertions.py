@@ -3,7 +3,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from scipy.ndimage import maximum_filter
 
 from pgm_data.geometry.camera import Camera
 from pgm_data.geometry.rigid import rotation_from_rotvec
@@ -16,10 +15,8 @@ from pgm_models.synthesis.insertions import (
     InsertedMesh,
     fixed_in_world,
     fixed_to_joint,
-    inserted_mask,
     inserted_mesh,
     march_mesh,
-    spared,
 )
 from pgm_models.synthesis.meshes import DistanceGrid, solids_of
 from pgm_models.synthesis.rackets import RacketMeasures, held_by, inserted_racket, racket_bed, racket_frame
@@ -44,7 +41,7 @@ def round_mesh(radius=0.4, cells=33, density=1e4) -> InsertedMesh:
     axis = np.linspace(-1.2 * radius, 1.2 * radius, cells)
     x, y, z = np.meshgrid(axis, axis, axis, indexing="ij")
     grid = DistanceGrid(low=np.full(3, axis[0]), cell=axis[1] - axis[0], distance=np.sqrt(x**2 + y**2 + z**2) - radius)
-    return inserted_mesh(grid, colour=(0.9, 0.1, 0.2), features=5, density=density)
+    return inserted_mesh(grid, colour=(0.9, 0.1, 0.2), density=density)
 
 
 def standing(skeleton="smpl24", frames=1, size=1.0, seed=None) -> Poses:
@@ -104,7 +101,7 @@ def test_skipping_by_distance_sees_what_looking_everywhere_sees() -> None:
     x, y, z = np.meshgrid(*[np.linspace(-h, h, round(h / 0.02) + 1) for h in (0.5, 0.5, 0.14)], indexing="ij")
     ring = np.hypot(np.hypot(x, y) - 0.4, z) - 0.05
     grid = DistanceGrid(low=np.array([-0.5, -0.5, -0.14]), cell=0.04, distance=ring)
-    mesh = inserted_mesh(grid, colour=(0.1, 0.1, 0.1), features=3, density=60.0)
+    mesh = inserted_mesh(grid, colour=(0.1, 0.1, 0.1), density=60.0)
     R = rotation_from_rotvec(np.array([0.9, 0.4, -0.5]))
     place = fixed_in_world(R, np.array([0.1, -1.5, -0.1]), 1)
     rays = front(focal=90.0)
@@ -185,7 +182,7 @@ def test_meshes_behind_or_round_the_camera_make_no_nan() -> None:
 def test_a_mesh_has_one_look_for_all_its_samples() -> None:
     mesh = round_mesh()
     marched = march_mesh(front(), mesh, fixed_in_world(*NOWHERE, 1), count=32)
-    torch.testing.assert_close(mesh.features, torch.tensor([[0.9, 0.1, 0.2, 0.0, 0.0]]))
+    torch.testing.assert_close(mesh.colour, torch.tensor([[0.9, 0.1, 0.2]]))
     assert isinstance(marched.samples, Samples)
     assert marched.rows.shape == marched.shares.shape == (len(marched.samples), 1)
     assert not marched.rows.any() and (marched.shares == 1).all()
@@ -195,30 +192,13 @@ def test_a_mesh_has_one_look_for_all_its_samples() -> None:
 def test_what_cannot_be_inserted_is_refused() -> None:
     grid = DistanceGrid(low=np.zeros(3), cell=0.1, distance=np.ones((2, 2, 2)))
     with pytest.raises(ValueError, match="colour: expected RGB 0 to 1"):
-        inserted_mesh(grid, colour=(0.0, 1.2, 0.0), features=3)
+        inserted_mesh(grid, colour=(0.0, 1.2, 0.0))
     with pytest.raises(ValueError, match="density: expected above 0"):
-        inserted_mesh(grid, colour=(0.0, 1.0, 0.0), features=3, density=0.0)
-    with pytest.raises(ValueError, match="features: expected 3 or more, got 2"):
-        inserted_mesh(grid, colour=(0.0, 1.0, 0.0), features=2)
+        inserted_mesh(grid, colour=(0.0, 1.0, 0.0), density=0.0)
     with pytest.raises(ValueError, match="joint: expected 0 to 23, got 24"):
         fixed_to_joint(standing(), 24, *NOWHERE)
     with pytest.raises(ValueError, match="count: expected 1 or more"):
         march_mesh(front(), round_mesh(), fixed_in_world(*NOWHERE, 1), count=0)
-
-
-def test_pixels_about_inserted_meshes_are_spared_by_the_enhancer() -> None:
-    shares = torch.zeros(2, 12, 15)
-    shares[0, 4, 6], shares[1, 0, 0], shares[1, 11, 3] = 0.5, 1.0, 1e-4
-    mask = inserted_mask(shares, contour_px=2)
-    expected = np.stack([maximum_filter(each, size=5, mode="constant") for each in (shares > 1 / 255).numpy()])
-    assert torch.equal(mask, torch.as_tensor(expected, dtype=torch.float32))
-    assert torch.equal(inserted_mask(shares, contour_px=0), (shares > 1 / 255).float())
-    enhanced, rendered = torch.rand(2, 3, 12, 15), torch.rand(2, 3, 12, 15)
-    picture = spared(enhanced, rendered, mask)
-    torch.testing.assert_close(picture[0, :, 4, 6], rendered[0, :, 4, 6])
-    torch.testing.assert_close(picture[0, :, 0, 0], enhanced[0, :, 0, 0])
-    with pytest.raises(ValueError, match="contour_px: expected 0 or more, got -1"):
-        inserted_mask(shares, contour_px=-1)
 
 
 def test_a_racket_is_watertight_and_has_its_measures() -> None:
@@ -254,7 +234,7 @@ def test_a_hand_holds_a_racket_about_as_the_simulator_has_it(hand) -> None:
 
 
 def test_strings_hide_what_they_are_said_to_and_the_frame_all() -> None:
-    frame, bed = inserted_racket(replace(COARSE, bed=0.016, bed_opacity=0.3), features=3, cell=0.012)
+    frame, bed = inserted_racket(replace(COARSE, bed=0.016, bed_opacity=0.3), cell=0.012)
     R = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # the face towards the camera, upright
     place = fixed_in_world(R, np.array([0.0, 0.0, -0.515]), 1)
     rays = front(focal=400.0, eye=(0, -3, 0), width=60, height=60)

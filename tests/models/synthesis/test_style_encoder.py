@@ -6,7 +6,7 @@ from safetensors.torch import save_file
 from torch.nn import functional
 
 from pgm_models.synthesis.presets import StyleOptions
-from pgm_models.synthesis.style_encoder import Factor, ResidualStem, StyleEncoder, cropped, shown
+from pgm_models.synthesis.style_encoder import Factor, OwnStyleEncoders, ResidualStem, StyleEncoder, cropped, shown
 
 NAN = float("nan")
 
@@ -246,3 +246,37 @@ def test_widths_of_no_stem_are_refused() -> None:
     for widths in ((), (1, 2, 3, 4, 5)):
         with pytest.raises(ValueError, match="widths: expected one to four"):
             ResidualStem(widths)
+
+
+def test_a_crop_of_the_picture_itself_is_the_mean_of_its_pixels() -> None:
+    picture = drawn(1, 3, 12, 16)
+    box = torch.tensor([[[3.5, 1.5, 11.5, 9.5]]])  # pixels 4 to 11 and 2 to 9, two of them a pixel of the crop
+    found = cropped([picture], box, (12, 16), 4, finest=0)[0, 0]
+    expected = functional.avg_pool2d(picture[:, :, 2:10, 4:12], 2)[0]
+    # Each pixel is the mean of 4 x 4 places, between whose pixels' middles colours change evenly.
+    torch.testing.assert_close(found[:3], expected, atol=0.1, rtol=0)
+    even = picture.new_tensor([0.2, 0.5, 0.7])[None, :, None, None].expand_as(picture)
+    torch.testing.assert_close(cropped([even], box, (12, 16), 4, finest=0)[0, 0, :3], even[0, :, :4, :4])
+
+
+@pytest.mark.parametrize(("widths", "crop"), [((4,), 3), ((4, 6), 4), ((4, 6, 8), 5)])
+def test_own_encoders_see_nothing_but_their_object_and_share_nothing(widths: tuple[int, ...], crop: int) -> None:
+    torch.manual_seed(0)
+    encoder = OwnStyleEncoders(StyleOptions(widths=widths, crop=crop), 3, 5)
+    torch.nn.init.normal_(encoder.unseen)
+    boxes = torch.tensor([[[2.0, 2.0, 12.0, 20.0], [2.0, 2.0, 12.0, 20.0], [NAN] * 4]])
+    picture = drawn(1, 3, 24, 40)
+    codes = encoder(picture, boxes)
+    assert codes.shape == (1, 3, 5)
+    assert torch.equal(codes[0, 2], encoder.unseen[2])
+    assert not torch.allclose(codes[0, 0], codes[0, 1])  # of the same crop
+    beside = picture.clone()
+    beside[..., 20:] = 0.0
+    torch.testing.assert_close(encoder(beside, boxes), codes)
+    inside = picture.clone()
+    inside[..., 8:12, 6:9] = 0.0
+    assert not torch.allclose(encoder(inside, boxes)[0, 0], codes[0, 0])
+    own = {name for name, _ in encoder.named_parameters() if name.split(".")[1:2] == ["0"]}
+    codes[0, 0].sum().backward()
+    reached = {n for n, p in encoder.named_parameters() if p.grad is not None and p.grad.abs().sum() > 0}
+    assert reached <= own and len(reached) >= 4

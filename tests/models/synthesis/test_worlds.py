@@ -13,8 +13,11 @@ from pgm_models.synthesis.grids import mixed
 from pgm_models.synthesis.rays import Rays, camera_rays, joined_rays, picture_pixels
 from pgm_models.synthesis.samples import summed, weights_of
 from pgm_models.synthesis.worlds import (
+    AIR,
+    OWN,
     StaticVolume,
     WorldGrids,
+    air_loss,
     faintness,
     room_of,
     world_box,
@@ -253,3 +256,32 @@ def test_held_down_faintness_empties_air_and_leaves_what_is_solid() -> None:
             held -= 100.0 * held.grad
     assert (density_of(held[raw < -3.95]) == 0).all()
     assert torch.equal(held[raw > 0], raw[raw > 0])
+
+
+def test_the_loss_of_air_is_that_of_all_worlds_and_none_where_they_are_empty() -> None:
+    made = volume(voxels=6)
+    worlds = {
+        name: filled(made, torch.full(made.size, raw)) for name, raw in (("fog", -5.0), ("solid", 3.0), ("air", -30.0))
+    }
+    assert float(air_loss({"fog": worlds["fog"]})) == pytest.approx(AIR * float(faintness(worlds["fog"])))
+    assert 0 < float(air_loss({"fog": worlds["fog"]})) < AIR
+    assert float(air_loss({"solid": worlds["solid"]})) == pytest.approx(AIR)
+    assert float(air_loss({"air": worlds["air"]})) == 0
+    both = air_loss({"fog": worlds["fog"], "solid": worlds["solid"]})
+    assert float(both) == pytest.approx(float(air_loss({"fog": worlds["fog"]})) + AIR)
+
+
+def test_cells_learn_what_is_their_own_and_those_that_nothing_asks_for_stay() -> None:
+    torch.manual_seed(0)
+    world = volume(voxels=8)
+    before = world.grids()
+    assert world.own.shape == (len(before.density), 5)
+    optimiser = torch.optim.Adam([world.own], 1e-3)
+    asked = torch.arange(0, len(world.own), 3)
+    world.grids().density[asked].sum().backward()
+    optimiser.step()
+    change = (world.grids().density - before.density)[:, 0]
+    torch.testing.assert_close(change[asked], torch.full((len(asked),), -1e-3 * OWN), atol=1e-5, rtol=0)
+    change[asked] = 0
+    assert not change.any()
+    assert torch.equal(world.grids().values, before.values)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.ndimage import binary_dilation
 
 from pgm_data.scene import load_scene
 from pgm_data.simulate.blocks.shots import blocks_shots
@@ -60,6 +61,29 @@ def test_other_seeds_make_other_matches():
     a, b = (next(blocks_shots(SCENE, s, frames=30, fps=20.0, size=(96, 54))) for s in (4, 1))
     assert digest(a) != digest(b)
     assert not np.array_equal(a.world.cells, b.world.cells)
+
+
+def test_matches_in_one_world_share_it_and_its_light_and_nothing_else():
+    size = (128, 72)
+    walks = [next(blocks_shots(SCENE, seed, frames=3, fps=20.0, size=size, world_seed=9)) for seed in (1, 2)]
+    assert np.array_equal(walks[0].world.cells, walks[1].world.cells)
+    assert digest(walks[0]) != digest(walks[1])
+    one, other = (walk.studio for walk in walks)
+    assert not np.array_equal(one.skin.faces["head", "front"], other.skin.faces["head", "front"])
+    # Where both cameras are the same, all but the player looks the same.
+    track, posture = walks[0].track, walks[0].posture
+    pictures = [studio.picture(track, posture, 1, size) for studio in (one, other)]
+    player = one.masks(track, posture, 1, size)[0] == 1
+    far = np.logical_not(binary_dilation(player, iterations=3))
+    assert np.array_equal(pictures[0][far], pictures[1][far]) and player.sum() > 20
+    assert not np.array_equal(pictures[0][player], pictures[1][player])
+
+
+def test_a_world_with_the_seed_of_a_match_is_that_of_the_match():
+    plain = next(blocks_shots(SCENE, 4, frames=5, fps=20.0, size=(96, 54)))
+    own = next(blocks_shots(SCENE, 4, frames=5, fps=20.0, size=(96, 54), world_seed=4))
+    assert digest(plain) == digest(own)
+    assert np.array_equal(plain.world.cells, own.world.cells)
 
 
 def test_a_generator_serves_as_a_seed():
