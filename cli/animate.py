@@ -132,16 +132,10 @@ def _model(command: AnimateCommand) -> "tuple[AnimationModel, str]":
 
 def _digest(model: "AnimationModel") -> str:
     """SHA-256 of the model's weights and of what it is."""
-    import hashlib
-    import json
-
     from pgm_models.animation.model import options_to_json
+    from pgm_models.checkpoint import weights_digest
 
-    digest = hashlib.sha256(json.dumps(options_to_json(model.options), sort_keys=True).encode())
-    for name, value in sorted(model.state_dict().items()):
-        digest.update(name.encode())
-        digest.update(value.cpu().contiguous().numpy().tobytes())
-    return digest.hexdigest()
+    return weights_digest(options_to_json(model.options), model.state_dict())
 
 
 def _scene(command: AnimateCommand, model: "AnimationModel") -> "Scene":

@@ -339,7 +339,7 @@ def _filmer(
 def _asked(command: RenderCommand, model: "SynthesisModel", clip: "RenderClip") -> dict[str, object]:
     """What the pictures of frames depend on, in words that a resumed run finds again."""
     from pgm_data import __version__
-    from pgm_models.synthesis.model import weights_digest
+    from pgm_models.synthesis.model import model_digest
 
     return {
         "clip": clip.name,
@@ -349,7 +349,7 @@ def _asked(command: RenderCommand, model: "SynthesisModel", clip: "RenderClip") 
         "without": sorted(command.without),
         "insert": list(command.insert),
         "depth_or_masks": command.depth or command.masks,
-        "model_sha256": weights_digest(model),
+        "model_sha256": model_digest(model),
         "states_sha256": clip.digest(),
         "version": __version__,
     }

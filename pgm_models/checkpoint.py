@@ -1,5 +1,6 @@
 """Everything a training run needs to go on exactly where it stopped, in one safetensors file."""
 
+import hashlib
 import json
 import platform
 from collections.abc import Mapping
@@ -115,3 +116,12 @@ def provenance(command: list[str]) -> dict[str, object]:
         "versions": {name: version(name) for name in ("torch", "numpy")},
         "machine": f"{platform.system()} {platform.machine()}, {torch.get_num_threads()} threads",
     }
+
+
+def weights_digest(options: Mapping[str, object], tensors: Mapping[str, Tensor]) -> str:
+    """SHA-256 of what a model is, as JSON values, and of its tensors."""
+    found = hashlib.sha256(json.dumps(options, sort_keys=True).encode())
+    for name, value in sorted(tensors.items()):
+        found.update(name.encode())
+        found.update(value.detach().cpu().contiguous().numpy().tobytes())
+    return found.hexdigest()

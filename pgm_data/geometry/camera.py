@@ -78,6 +78,11 @@ class Camera:
         return -(np.swapaxes(self.R_cam_from_world, -1, -2) @ self.t_cam_from_world[..., None])[..., 0]
 
 
+def same_camera(one: Camera, other: Camera) -> bool:
+    """Whether they are the same to the last digit."""
+    return all(np.array_equal(values, getattr(other, name)) for name, values in vars(one).items())
+
+
 def _pixels(K: np.ndarray, xy: np.ndarray) -> np.ndarray:
     return xy @ np.swapaxes(K[..., :2, :2], -1, -2) + K[..., None, :2, 2]
 

@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from pgm_data.geometry.camera import Camera
+from pgm_data.geometry.camera import Camera, same_camera
 from pgm_models.synthesis.evaluate_frames import Made
 from pgm_models.synthesis.fields import States
 from pgm_models.synthesis.frames import FrameStore
@@ -101,7 +101,7 @@ class RunMaker:
 
     def _empty(self, studio: Studio, camera: Camera, states: States) -> np.ndarray:
         kept = self._without
-        if kept is None or kept[1] is not studio or not _same(kept[0], camera):
+        if kept is None or kept[1] is not studio or not same_camera(kept[0], camera):
             self._without = kept = (camera, studio, _arrays(studio.picture(camera, nobody(states)))[0])
         return kept[2]
 
@@ -126,7 +126,3 @@ def _arrays(picture: Picture) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Final and raw colours, 0 to 1, and shares."""
     final, raw = (each.clamp(0.0, 1.0).cpu().numpy() for each in (picture.rgb, picture.features[:3]))
     return final, raw, picture.shares.cpu().numpy()
-
-
-def _same(one: Camera, other: Camera) -> bool:
-    return all(np.array_equal(value, getattr(other, name)) for name, value in vars(one).items())

@@ -37,7 +37,7 @@ from pgm_models.synthesis.evaluate_result import (
 )
 from pgm_models.synthesis.evaluate_sheet import NOVEL_NAME, strip, write_strips
 from pgm_models.synthesis.frames import FrameStore, read_frames
-from pgm_models.synthesis.model import SynthesisModel, load_model, weights_digest
+from pgm_models.synthesis.model import SynthesisModel, load_model, model_digest
 from pgm_models.synthesis.novel_view import NovelOptions, NovelView, novel_views
 
 DIGITS = 12
@@ -276,7 +276,7 @@ def _asked(
     data = about.get("data", {})
     return {
         "run": options.run.name,
-        "model": weights_digest(model)[:DIGITS],
+        "model": model_digest(model)[:DIGITS],
         "preset": str(data.get("preset", "-")),
         "steps": int(about.get("step", 0)),
         "training minutes": round(float(about.get("elapsed_s", 0.0)) / 60, 1),

@@ -1,6 +1,5 @@
 """The synthesis model as one thing: fields, style encoder, enhancer, and the file it is kept in."""
 
-import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -12,7 +11,7 @@ from torch import Tensor, nn
 
 from pgm_data.dataset.files import whole_file
 from pgm_data.scene import load_scene
-from pgm_models.checkpoint import CHECKPOINT_NAME, load_checkpoint
+from pgm_models.checkpoint import CHECKPOINT_NAME, load_checkpoint, weights_digest
 from pgm_models.synthesis.enhancer import Enhancer
 from pgm_models.synthesis.fields import Fields
 from pgm_models.synthesis.presets import EnhancerOptions, FieldOptions, StyleOptions, SynthesisDesign
@@ -121,14 +120,10 @@ def options_from_json(raw: Mapping) -> ModelOptions:
         raise ValueError(f"model: expected the options of a synthesis model, got {error!r}") from error
 
 
-def weights_digest(model: SynthesisModel) -> str:
+def model_digest(model: SynthesisModel) -> str:
     """SHA-256 of the model's weights, of what it is, and of the styles that it keeps."""
-    found = hashlib.sha256(json.dumps(options_to_json(model.options), sort_keys=True).encode())
     styles = {f"match {name}": value for name, value in model.match_styles.items()}
-    for name, value in sorted({**model.state_dict(), **styles}.items()):
-        found.update(name.encode())
-        found.update(value.detach().cpu().contiguous().numpy().tobytes())
-    return found.hexdigest()
+    return weights_digest(options_to_json(model.options), {**model.state_dict(), **styles})
 
 
 def save_model(path: Path, model: SynthesisModel, about: Mapping[str, object]) -> None:

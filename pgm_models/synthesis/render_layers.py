@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor, nn
 
-from pgm_data.geometry.camera import Camera
+from pgm_data.geometry.camera import Camera, same_camera
 from pgm_data.geometry.camera import rays as directions_of
 from pgm_models.synthesis.balls import Balls
 from pgm_models.synthesis.fields import States
@@ -141,11 +141,6 @@ def _moved(state: T, model: SynthesisModel) -> T:
 def _covered(seen: Picture) -> Float[Tensor, "1 1 height width"] | None:
     """Shares of pixels that inserted meshes cover."""
     return None if seen.inserted is None else seen.inserted[None, None]
-
-
-def same_camera(one: Camera, other: Camera) -> bool:
-    """Whether they are the same to the last digit."""
-    return all(np.array_equal(values, getattr(other, name)) for name, values in vars(one).items())
 
 
 def as_bgr(picture: Picture) -> UInt8[np.ndarray, "height width 3"]:

@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from pgm_data.geometry.camera import Camera
+from pgm_data.geometry.camera import Camera, same_camera
 from pgm_data.scene import Scene
 from pgm_models.animation.play_camera import PlayCamera
 from pgm_models.processes import device_of
@@ -17,7 +17,7 @@ from pgm_models.synthesis.balls import Balls
 from pgm_models.synthesis.fields import States
 from pgm_models.synthesis.model import SynthesisModel, load_model
 from pgm_models.synthesis.play_server import Renderer
-from pgm_models.synthesis.render_layers import Filmer, as_bgr, same_camera
+from pgm_models.synthesis.render_layers import Filmer, as_bgr
 from pgm_models.synthesis.skinning import poses_of
 
 SIZES = 2

@@ -3,12 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from pgm_data.geometry.camera import Camera
+from pgm_data.geometry.camera import Camera, same_camera
 from pgm_models.synthesis.balls import ball_boxes
 from pgm_models.synthesis.bodies import body_boxes
 from pgm_models.synthesis.boxes import Boxes, screen_rectangle
@@ -113,7 +112,7 @@ class Studio:
         )
 
     def _of(self, camera: Camera) -> _View:
-        if self._view is None or not _same(self._view.camera, camera):
+        if self._view is None or not same_camera(self._view.camera, camera):
             pixels = picture_pixels(self.width, self.height)
             rays = camera_rays(camera, pixels, device=self.model.device)
             if self._followed is not None:
@@ -158,8 +157,3 @@ class Studio:
         rows = torch.arange(top, bottom, device=device)[:, None] * self.width
         pixels = (rows + torch.arange(left, right, device=device)).flatten()
         return pixels if self._followed is None else near_cells(pixels, self._followed)
-
-
-def _same(one: Camera, other: Camera) -> bool:
-    names = ("K", "distortion", "R_cam_from_world", "t_cam_from_world")
-    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in names)

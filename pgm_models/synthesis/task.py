@@ -71,9 +71,10 @@ class SynthesisTask(Task):
             return {}
         assert isinstance(network, SynthesisModel)
         errors, losses = [], []
+        grids = network.fields.grids()
         for each in self._held_out:
             batch = each.to(network.device)
-            raw, made = rendered_patches(network, network.fields.grids(), batch, jitter=None)
+            raw, made = rendered_patches(network, grids, batch, jitter=None)
             errors.append([_error(part, batch.tensors["targets"]) for part in (raw, made)])
             losses.append(float(self.loss(network, batch)[0]))
         before, after = (sum(values) / len(values) for values in zip(*errors, strict=True))

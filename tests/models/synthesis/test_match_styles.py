@@ -8,7 +8,7 @@ import torch
 
 from pgm_models.synthesis.frames import frames_of_work
 from pgm_models.synthesis.match_styles import match_styles, styles_of
-from pgm_models.synthesis.model import MODEL_NAME, load_model, save_model, weights_digest
+from pgm_models.synthesis.model import MODEL_NAME, load_model, model_digest, save_model
 from tests.models.synthesis.drawn_matches import drawn_matches
 from tests.models.synthesis.toy_models import PICTURE, toy_model, toy_run
 
@@ -85,14 +85,14 @@ def test_matches_have_styles_of_their_own_which_a_model_file_keeps(store, model,
     assert not torch.allclose(found["match0"], found["match1"])
     assert list(match_styles(model, store[store.clip == 1])) == ["match1"]
     made = toy_model()
-    before = weights_digest(made)
+    before = model_digest(made)
     made.keep_styles(found)
-    assert weights_digest(made) != before
+    assert model_digest(made) != before
     loaded = load_model(toy_run(tmp_path / "run", made))
     assert list(loaded.match_styles) == ["match0", "match1"]
     for name, codes_ in found.items():
         assert torch.equal(loaded.match_styles[name], codes_)
-    assert weights_digest(loaded) == weights_digest(made)
+    assert model_digest(loaded) == model_digest(made)
 
 
 def test_a_model_without_styles_is_one_all_the_same(tmp_path):
