@@ -169,6 +169,8 @@ def _about(
         "network": design.network,
         "objective": design.objective,
         "prior": str(design.prior).lower(),
+        "self_conditioning": str(design.self_conditioning).lower(),
+        "near": str(design.near).lower(),
         "weights": sum(parameter.numel() for parameter in model.parameters()),
         "device": scoring.device.partition(":")[0],
     }

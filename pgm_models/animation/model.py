@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from pgm_data.dataset.files import whole_file
 from pgm_models.animation.aggregator import Aggregator
 from pgm_models.animation.layout import Layout, layout_from_json, layout_to_json
+from pgm_models.animation.nearness import Nearness, offset_widths
 from pgm_models.animation.network import Denoiser, NetworkShape
 from pgm_models.animation.noise import DiffusionOptions, to_x0
 from pgm_models.animation.presets import Design, NetworkOptions, TextOptions
@@ -74,9 +75,16 @@ class AnimationModel(nn.Module):
             if options.prior is None:
                 raise ValueError("prior: expected one, as the design has it, got none")
             self.preconditioner = Preconditioner(options.prior)
-        # With a prior the network reads its guess beside each channel; what it says of that one is left out.
+        self.nearness = Nearness(layout) if design.near else None
+        offsets = offset_widths(layout) if design.near else (0,) * len(layout.widths)
+        # Beside each channel the network may read a prior's guess, its own last one, and offsets; what it says of those
+        # is left out.
+        nothing = (0,) * len(layout.widths)
+        guesses = layout.widths if design.prior else nothing
+        last = layout.widths if design.self_conditioning else nothing
+        read = [*zip(layout.widths, guesses, last, offsets, strict=True)]
         self.shape = NetworkShape(
-            widths=tuple((2 if design.prior else 1) * width for width in layout.widths),
+            widths=tuple(sum(widths) for widths in read),
             actions=len(layout.players),
             constants=layout.constant_channels,
             text_width=options.text.width,
@@ -94,16 +102,13 @@ class AnimationModel(nn.Module):
         self.register_buffer(
             "property_of_channel", torch.as_tensor(layout.property_of_channel.copy()), persistent=False
         )
-        starts = np.cumsum([0, *layout.widths])
-        own = [np.arange(width) + 2 * start for start, width in zip(starts, layout.widths, strict=False)]
+        # What is read is put together as all states, all guesses, all offsets; and sorted by property.
+        property_of_read = np.concatenate([np.repeat(np.arange(len(read)), part) for part in zip(*read, strict=True)])
+        order = np.argsort(property_of_read, kind="stable")
+        self.read_order: Tensor
+        self.register_buffer("read_order", torch.as_tensor(order), persistent=False)
         self.own_places: Tensor
-        self.register_buffer("own_places", torch.as_tensor(np.concatenate(own)), persistent=False)
-        self.pair_order: Tensor
-        order = [
-            np.concatenate([np.arange(width), layout.channels + np.arange(width)]) + start
-            for start, width in zip(starts, layout.widths, strict=False)
-        ]
-        self.register_buffer("pair_order", torch.as_tensor(np.concatenate(order)), persistent=False)
+        self.register_buffer("own_places", torch.as_tensor(np.argsort(order)[: layout.channels]), persistent=False)
         self._encoder: TextEncoder | None = None
 
     @property
@@ -130,6 +135,7 @@ class AnimationModel(nn.Module):
         windows: Windows,
         log_snr: Float[Tensor, " B"],
         embedded: Tensor | None = None,
+        last: Float[Tensor, "B T C"] | None = None,
     ) -> Said:
         """What the network says of x, and what turns it into clean states.
 
@@ -140,18 +146,26 @@ class AnimationModel(nn.Module):
             windows: Of which texts, rate, constants and validity are taken.
             log_snr: Of the noise.
             embedded: The texts' embeddings where they are at hand already.
+            last: Clean states as the network guessed them before, with more noise; read where the design has it so.
         """
         text = self.embedded(windows) if embedded is None else embedded
         text_known = text_known & (windows.text >= 0)
         run = self.denoiser if self.step is None else self.step
-        if self.preconditioner is None:
-            output = run(x, known, text, text_known, windows.rate, log_snr, windows.constants)
-            return Said(output=output, mean=None, doubt=None)
+        mean, doubt = None, None
         given, valid = self.over_channels(known), self.over_channels(windows.valid)
-        mean, doubt = self.preconditioner(x, given, valid, windows.rate, log_snr)
-        both = torch.cat([x, mean], dim=-1)[..., self.pair_order]
-        output = run(both, known, text, text_known, windows.rate, log_snr, windows.constants)
-        return Said(output=output[..., self.own_places], mean=mean, doubt=doubt)
+        parts, guess = [x], x
+        if self.preconditioner is not None:
+            mean, doubt = self.preconditioner(x, given, valid, windows.rate, log_snr)
+            parts, guess = [x, mean], mean
+        if self.options.design.self_conditioning:
+            guess = guess if last is None else torch.where(given, x, last)
+            parts.append(guess)
+        if self.nearness is not None:
+            parts.append(self.nearness(guess, windows.valid, windows.rate))
+        if len(parts) > 1:
+            x = torch.cat(parts, dim=-1)[..., self.read_order]
+        output = run(x, known, text, text_known, windows.rate, log_snr, windows.constants)
+        return Said(output=output if len(parts) == 1 else output[..., self.own_places], mean=mean, doubt=doubt)
 
     def clean(self, said: Said, x: Float[Tensor, "B T C"], log_snr: Float[Tensor, " B"]) -> Float[Tensor, "B T C"]:
         """The clean states that what was said of x stands for."""

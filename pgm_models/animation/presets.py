@@ -121,11 +121,15 @@ class Design:
     """Whether each property weighs the same in the loss, however many channels it has; else each channel does."""
     prior: bool = False
     """Whether the network tells what a Gaussian prior of each channel over time does not (see `prior`)."""
+    self_conditioning: bool = False
+    """Whether the network reads its own last guess. Source: Chen et al. 2022, Analog Bits, section 3.2."""
+    near: bool = False
+    """Whether the network reads offsets of players and ball from each other (see `nearness`)."""
 
 
 DESIGNS: Mapping[str, Design] = MappingProxyType(
     {
-        "ours": Design(prior=True, diffusion=DiffusionOptions(shift=-1.5)),
+        "ours": Design(prior=True, self_conditioning=True, near=True, diffusion=DiffusionOptions(shift=-1.5)),
         "velocity": Design(diffusion=DiffusionOptions(shift=-1.5)),
         "paper": Design(
             diffusion=DiffusionOptions(prediction="eps", schedule="linear", weight="none"),

@@ -57,10 +57,12 @@ def sample(
     given = model.over_channels(known)
     embedded = model.embedded(windows)
 
+    last: Tensor | None = None
+
     def clean(x: Tensor, log_snr: Tensor, text: Tensor) -> Tensor:
         levels = log_snr.expand(len(x)).to(x.dtype)
         held = torch.where(given, windows.state, x)
-        return model.clean(model(held, known, text, windows, levels, embedded), held, levels)
+        return model.clean(model(held, known, text, windows, levels, embedded, last), held, levels)
 
     design = model.options.design
     if design.objective == "reconstruction":
@@ -68,11 +70,13 @@ def sample(
         return torch.where(given, windows.state, x0)
 
     def denoise(x: Tensor, log_snr: Tensor) -> Tensor:
+        nonlocal last
         said = clean(x, log_snr, text_known)
         if options.guidance != 1.0:
             # Clean states are linear in what the network says, so guiding them is guiding it.
             unsaid = clean(x, log_snr, torch.zeros_like(text_known))
             said = unsaid + options.guidance * (said - unsaid)
+        last = said
         return said
 
     noise = samplers.normal_like(windows.state, generator)

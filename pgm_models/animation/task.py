@@ -22,6 +22,8 @@ from pgm_models.train import Batch, Task
 
 ADVERSARY_SHARE = 0.05
 """Weight of the adversary's loss beside the reconstruction's."""
+SELF_CONDITIONED = 0.5
+"""Share of the steps in which the network reads its own guess, where the design has it so."""
 DRAWN = ("known", "text_known", "log_snr")
 """Tensors of a batch beside those of its windows."""
 
@@ -114,7 +116,11 @@ class AnimationTask(Task):
             return loss, terms
         noise = torch.randn_like(state)
         x = torch.where(given, state, noisy(state, noise, log_snr))
-        said = network(x, known, text_known, windows, log_snr)
+        last = None
+        if design.self_conditioning and torch.rand(()) < SELF_CONDITIONED:
+            with torch.no_grad():
+                last = network.clean(network(x, known, text_known, windows, log_snr), x, log_snr)
+        said = network(x, known, text_known, windows, log_snr, last=last)
         if said.mean is not None and said.doubt is not None:
             target, weight = (state - said.mean) / said.doubt, torch.ones_like(log_snr)
         else:

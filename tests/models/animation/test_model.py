@@ -68,3 +68,39 @@ def test_frames_without_text_are_embedded_as_zeros():
     assert bool((embedded[windows.text < 0] == 0).all())
     rows = model.aggregator(windows.tokens, windows.token_mask)
     torch.testing.assert_close(embedded[windows.text == 1], rows[1].expand(int((windows.text == 1).sum()), -1))
+
+
+def asked(model, windows, known, last):
+    """What the network would be given to read."""
+    read = []
+    model.step = lambda x, *rest: read.append(x) or x
+    model(windows.state, known, torch.ones_like(windows.text).bool(), windows, torch.zeros(3), last=last)
+    return read[0]
+
+
+def test_a_last_guess_is_read_where_nothing_is_known():
+    model = toy_model()
+    windows = toy_windows(model.layout)
+    known = torch.zeros_like(windows.valid)
+    known[:, :2] = True
+    guess = torch.randn(windows.state.shape, generator=torch.Generator().manual_seed(0))
+    read, other = asked(model, windows, known, guess), asked(model, windows, known, guess + 1)
+    assert torch.equal(read[:, :2], other[:, :2])
+    assert ((read != other).sum(-1)[:, 2:] >= model.layout.channels).all()
+    assert ((read == other).sum(-1) >= 2 * model.layout.channels).all()
+
+
+def test_without_a_last_guess_the_priors_is_read():
+    model = toy_model()
+    windows = toy_windows(model.layout)
+    known = torch.zeros_like(windows.valid)
+    given, valid = model.over_channels(known), model.over_channels(windows.valid)
+    mean, _ = model.preconditioner(windows.state, given, valid, windows.rate, torch.zeros(3))
+    assert torch.equal(asked(model, windows, known, None), asked(model, windows, known, mean))
+
+
+def test_designs_that_do_not_read_a_last_guess_are_as_they_were():
+    model = toy_model(design="velocity")
+    windows = toy_windows(model.layout)
+    known = torch.zeros_like(windows.valid)
+    assert torch.equal(asked(model, windows, known, windows.state + 1), windows.state)

@@ -146,3 +146,22 @@ def test_a_state_that_is_not_a_number_is_refused_with_its_window():
     state[1, 2, 0] = math.nan
     with pytest.raises(ValueError, match="window1: state: expected finite"):
         replace(windows, state=state)
+
+
+@pytest.mark.parametrize("sampler", SAMPLERS)
+def test_each_step_is_told_what_the_one_before_guessed(sampler, monkeypatch):
+    model = toy_model()
+    windows = toy_windows(model.layout)
+    told, guessed, forward = [], [], model.forward
+
+    def listening(x, known, text_known, windows, log_snr, embedded, last):
+        said = forward(x, known, text_known, windows, log_snr, embedded, last)
+        told.append(last)
+        guessed.append(model.clean(said, x, log_snr))
+        return said
+
+    monkeypatch.setattr(model, "forward", listening)
+    filled(model, windows, masks(windows, 0.2), sampler=sampler, steps=4)
+    assert told[0] is None
+    assert len(told) >= 4
+    assert all(torch.equal(one, other) for one, other in zip(told[1:], guessed, strict=False))
