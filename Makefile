@@ -1,8 +1,8 @@
 # `make test` and `make demo` each set everything up in .venv on a fresh machine; a second run starts in seconds.
 #   make test                   linters, types, import arrows, all tests
 #   make test TESTS=tests/lift  only these tests
-#   make demo                   simulate a short match, calibrate it, compare with its truth
-#   make demo VIDEO=path        calibrate a video of yours
+#   make demo                   from a drawn match to a rally that nobody played, rendered, on one page: demo/report.html
+#   make demo VIDEO=path        the same from a video of yours
 
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c

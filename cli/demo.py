@@ -1,19 +1,31 @@
-"""`pgm demo`: a short match drawn, annotated, packed and checked, and compared with its exact truth."""
+"""`pgm demo`: a video annotated and packed, models that play and render, and one page that shows it all."""
 
 import shutil
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
-from .console import UsageError, table_text
+from .console import UsageError, option_error, table_text
 from .output import STATE
 
-OURS = ("simulated", "work", "dataset")
-"""What a demo writes, each an output folder with its state inside; whatever else there is is left alone."""
+if TYPE_CHECKING:
+    from pgm_data.stages.demo_report import Comparison, RenderedVideo, TrainedModel
+
+    from .demo_steps import DemoSteps
+
+OURS = ("simulated", "work", "dataset", "prompt", "rally", "synthesis", "rendered")
+"""What a demo writes, each an output folder with its state inside; its page, and nothing else there, is ours too."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DemoOptions:
-    """Simulate a short match, find cameras, players, ball and words, pack and check them; or take a video of yours."""
+    """From a video to a rally that nobody played: annotate a match, train on it, and render what words say.
+
+    Draws a short match, or takes a video of yours, finds cameras, players, ball and words, packs and checks them,
+    compares them with the truth, plays a rally from words, trains a model that renders, and renders the rally. Ends
+    with one page, OUT/report.html, that shows all of it.
+    """
 
     video: Path | None = None
     """A video of yours instead of a simulated match; there is no truth to compare it with."""
@@ -25,6 +37,16 @@ class DemoOptions:
     """Length of the simulated match."""
     seed: int = 24
     """What is drawn depends on it; this one cuts to a close-up near the end."""
+    animation: Path = Path("tennis_small")
+    """What plays the rally: a run of pgm-train animation, a model file, or the name of a model that ships with pgm."""
+    prompt: Path | None = None
+    """Prompt of the rally; one that ships with pgm unless given."""
+    synthesis_preset: Literal["nano", "tiny", "small"] = "tiny"
+    """Size of the model that is trained to render."""
+    synthesis_minutes: float = 3.0
+    """Minutes of its training; 0 to train and render nothing."""
+    threads: int = 2
+    """CPU threads of the models; as many as there are cores that nothing else keeps busy."""
 
 
 def main(argv: list[str]) -> int:
@@ -32,199 +54,190 @@ def main(argv: list[str]) -> int:
     import tyro
 
     options = tyro.cli(DemoOptions, args=argv, prog="pgm demo")
-    if options.video is not None and not options.video.is_file():
-        raise UsageError(f"--video: expected a video file, got {options.video}, which is none")
-    if not 1 <= options.seconds <= 600:
-        raise UsageError(f"--seconds: expected 1 to 600, got {options.seconds}")
+    _check(options)
     _clear(options.out)
-    simulated, work, dataset = (options.out / name for name in OURS)
+    from .demo_steps import DemoSteps
+
+    steps = DemoSteps()
+    simulated, work, dataset = (options.out / name for name in ("simulated", "work", "dataset"))
     if options.video is None:
-        print(f"1. drawing {options.seconds:g} s of a match with a turning, zooming camera, repeated frames and cuts")
-        code = _simulate(options, simulated)
+        match = f"{options.seconds:g} s of a match with a turning, zooming camera, repeated frames and cuts"
+        with steps.step(1, f"drawing {match}"):
+            code = _simulate(options, simulated, steps)
         if code:
             return code
-    source = simulated / "videos" if options.video is None else options.video
-    print(f"2. calibrating {source}")
-    scene = "tennis" if options.video is None else options.scene
-    from .calibrate import main as calibrate
+        source, scene, told = simulated / "videos", "tennis", f"Drawn: {match}; seed {options.seed}."
+    else:
+        source, scene, told = options.video, options.scene, f"{options.video}, scene {options.scene}"
+    with steps.step(2, f"calibrating {source}"):
+        from .calibrate import main as calibrate
 
-    code = calibrate([str(source), "--out", str(work), "--scene", scene])
+        code = steps.run("pgm calibrate", calibrate, [source, "--out", work, "--scene", scene])
     if code not in (0, 3):
         return code
     if any(work.glob("*/camera.parquet")):
-        stages = _annotated(work, scene)
+        stages = _annotated(work, scene, steps)
         if stages not in (0, 3, 4):
             return stages
-        print("6. packing a dataset")
-        from .pack import main as pack
+        with steps.step(6, "packing a dataset"):
+            from .pack import main as pack
 
-        code = pack([str(work), "--out", str(dataset)]) or code
-    print("7. checking what was written")
-    from .check import main as check
+            code = steps.run("pgm pack", pack, [work, "--out", dataset]) or code
+    with steps.step(7, "checking what was written"):
+        from .check import main as check
 
-    checked = check([str(path) for path in (work, dataset) if path.exists()])
+        checked = steps.run("pgm check", check, [path for path in (work, dataset) if path.exists()])
+    compared: Sequence[Comparison] = ()
     if options.video is None:
-        print("8. comparing with the truth, which nothing above has seen")
-        print(_compared(simulated, work))
-        print(_players_compared(simulated, work))
-        print(_ball_compared(simulated, work))
-    overlays = sorted(work.glob("*/overlay.mp4"))
-    print(f"\nopen {work / 'report.html'}" + (f"\nand  {overlays[0]}" if overlays else ""))
-    if dataset.exists():
-        print(f"load {dataset} with pandas, DuckDB or Hugging Face datasets; its README.md says how")
-    return checked or code
+        with steps.step(8, "comparing with the truth, which nothing above has seen"):
+            from .demo_truth import compared_with_truth
+
+            compared = compared_with_truth(simulated, work)
+            for comparison in compared:
+                print(table_text((comparison.title, ""), comparison.rows))
+    modelled = _modelled(options, scene, steps)
+    _write_page(options.out, told, compared, modelled, steps)
+    return modelled.code or checked or code
 
 
-def _annotated(work: Path, scene: str) -> int:
+def _check(options: DemoOptions) -> None:
+    """Refuse options that cannot be, before anything is deleted or drawn."""
+    for name, path in (("--video", options.video), ("--prompt", options.prompt)):
+        if path is not None and not path.is_file():
+            raise option_error(name, expected="a file", got=f"{path}, which is none")
+    if not 1 <= options.seconds <= 600:
+        raise option_error("--seconds", expected="1 to 600", got=options.seconds)
+    if not 1 <= options.threads <= 1024:
+        raise option_error("--threads", expected="1 to 1024", got=options.threads)
+    if not 0 <= options.synthesis_minutes <= 600:
+        raise option_error("--synthesis-minutes", expected="0 to 600", got=options.synthesis_minutes)
+
+
+def _annotated(work: Path, scene: str, steps: "DemoSteps") -> int:
     """Players, ball and words, as far as the scene has them; the first exit code that ends the demo, else 0."""
     from pgm_data.scene import load_scene
 
     declared = load_scene(scene)
     if declared.players:
-        from .players import main as players
-        from .weights import main as weights
+        with steps.step(3, "players: fetching the pose weights where they are missing, then skeletons on the court"):
+            from .players import main as players
+            from .weights import main as weights
 
-        print("3. players: fetching the pose weights where they are missing, then skeletons on the court")
-        if weights(["pose"]):
-            print("   without them players are placed by their boxes alone")
-        code = players([str(work)])
+            if steps.run("pgm weights", weights, ["pose"]):
+                print("   without them players are placed by their boxes alone")
+            code = steps.run("pgm players", players, [work])
         if code not in (0, 3, 4):
             return code
     if declared.ball is not None and declared.court is not None:
-        print("4. placing the ball in metres")
-        from .ball3d import main as ball3d
+        with steps.step(4, "placing the ball in metres"):
+            from .ball3d import main as ball3d
 
-        # A video of yours may have no ball in flight, and still has its cameras.
-        code = ball3d([str(work)])
+            # A video of yours may have no ball in flight, and still has its cameras.
+            code = steps.run("pgm ball3d", ball3d, [work])
         if code not in (0, 3, 4):
             return code
     if declared.players:
-        print("5. saying what each player does")
-        from .caption import main as caption
+        with steps.step(5, "saying what each player does"):
+            from .caption import main as caption
 
-        return caption([str(work)])
+            return steps.run("pgm caption", caption, [work])
     return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Modelled:
+    """What models made of a dataset."""
+
+    code: int = 0
+    """The first exit code of theirs that is not 0, else 0."""
+    trained: "TrainedModel | None" = None
+    rendered: "tuple[RenderedVideo, ...]" = ()
+    missing: Mapping[str, str] = field(default_factory=dict)
+    """Why there is none of `rally`, `trained`, `rendered`."""
+
+
+def _modelled(options: DemoOptions, scene: str, steps: "DemoSteps") -> _Modelled:
+    """Play a rally, train the model that renders and render, where there is a dataset."""
+    if not (options.out / "dataset").exists():
+        return _Modelled(missing=dict.fromkeys(("rally", "trained", "rendered"), "there is no dataset to learn from"))
+    from .demo_models import DemoModels, Went, play_rally, render_videos, train_renderer
+
+    models = DemoModels(
+        out=options.out,
+        scene=scene,
+        animation=options.animation,
+        prompt=options.prompt,
+        preset=options.synthesis_preset,
+        minutes=options.synthesis_minutes,
+        threads=options.threads,
+    )
+    with steps.step(9, f"a rally from words, by the animation model {options.animation}"):
+        rally = play_rally(models, steps)
+    with steps.step(10, f"training a model that renders, preset {models.preset}, for {models.minutes:g} minutes"):
+        training, trained = train_renderer(models, steps)
+    rendering, rendered = Went(why=training.why), ()
+    if trained is not None:
+        with steps.step(11, "rendering"):
+            rendering, rendered = render_videos(models, steps)
+    went = {"rally": rally, "trained": training, "rendered": rendering}
+    return _Modelled(
+        code=next((each.code for each in went.values() if each.code), 0),
+        trained=trained,
+        rendered=rendered,
+        missing={name: each.why for name, each in went.items() if each.why},
+    )
+
+
+def _write_page(
+    out: Path, source: str, compared: "Sequence[Comparison]", modelled: _Modelled, steps: "DemoSteps"
+) -> None:
+    """Write the page, and say where it is."""
+    from pgm_data.stages.demo_report import DemoReport, write_demo_report
+
+    page = write_demo_report(
+        DemoReport(
+            out=out,
+            source=source,
+            steps=tuple(steps.done),
+            compared=tuple(compared),
+            trained=modelled.trained,
+            rendered=modelled.rendered,
+            missing=modelled.missing,
+        )
+    )
+    print(f"all of it took {sum(step.seconds for step in steps.done) / 60:.1f} minutes")
+    for path in sorted((out / "work").glob("*/overlay.mp4"))[:1]:
+        print(f"the annotated video: {path}")
+    print(f"12. all of it on one page: open {page}")
 
 
 def _clear(out: Path) -> None:
     """Make room for a new demo where an earlier one was; anything else is left alone."""
+    from pgm_data.stages.demo_report import PAGE_NAME
+
     if not out.exists():
         return
     entries = sorted(out.iterdir()) if out.is_dir() else [out]
-    strangers = [p.name for p in entries if p.name not in OURS or not (p / STATE).is_dir()]
+    strangers = [p.name for p in entries if not _is_ours(p)]
     if strangers:
         raise UsageError(f"--out: expected a new folder or an earlier demo's, got {out} with {strangers[0]} in it")
     for name in OURS:
         if (out / name).exists():
             shutil.rmtree(out / name)
+    (out / PAGE_NAME).unlink(missing_ok=True)
 
 
-def _simulate(options: DemoOptions, out: Path) -> int:
+def _is_ours(path: Path) -> bool:
+    """Whether a demo wrote it."""
+    from pgm_data.stages.demo_report import PAGE_NAME, is_demo_report
+
+    return is_demo_report(path) if path.name == PAGE_NAME else path.name in OURS and (path / STATE).is_dir()
+
+
+def _simulate(options: DemoOptions, out: Path, steps: "DemoSteps") -> int:
     from .simulate import main as simulate
 
     minutes = f"{options.seconds / 60:.6f}"
-    return simulate(
-        ["--out", str(out), "--matches", "1", "--minutes", minutes, "--seed", str(options.seed), "--motion", "follow",
-         "--duplicates", "--closeups"]
-    )  # fmt: skip
-
-
-def _compared(simulated: Path, work: Path) -> str:
-    """A table of errors against the truth, one row per clip."""
-    import numpy as np
-
-    from pgm_data.dataset.clip_camera import read_clip_camera
-    from pgm_data.dataset.documents import read_document
-    from pgm_data.scene import load_scene
-    from pgm_data.stages.trade_score import Cost, score_video
-
-    truth = [read_clip_camera(p.parent) for p in sorted((simulated / "work").glob("*/camera.parquet"))]
-    court = load_scene("tennis").court
-    assert court is not None
-    folders = sorted(p.parent for p in work.glob("*/camera.parquet"))
-    solved = [read_clip_camera(folder) for folder in folders]
-    clip = read_document(folders[0] / "clip.json", "clip")
-    score = score_video(
-        video=folders[0].name, preset="standard", size=(clip["width"], clip["height"]), solved=solved, truth=truth,
-        court=court, lens_model=clip["lens_model"]["model"], cost=Cost(seconds=0.0, cpu_s=0.0, memory_mb=0.0),
-    )  # fmt: skip
-    centre = "-" if score.centre_m is None else f"{100 * float(np.linalg.norm(score.centre_m)):.1f} cm"
-    sigma = "-" if score.centre_sigma_m is None else f"{100 * float(np.linalg.norm(score.centre_sigma_m)):.1f} cm"
-    rows = [
-        ("frames that show the court", score.frames),
-        ("of them measured", score.measured),
-        ("bridged", score.interpolated),
-        ("cameras where no court is shown", score.false_frames),
-        ("error of the camera's position", centre),
-        ("its stated standard deviation", sigma),
-        ("error of the focal length", "-" if score.focal is None else f"{100 * abs(score.focal):.3f} %"),
-        ("rms error of the court's lines", "-" if score.court_px is None else f"{score.court_px:.3f} px"),
-    ]
-    return table_text(("against the truth", ""), rows)
-
-
-def _players_compared(simulated: Path, work: Path) -> str:
-    """A table of the players' errors against the truth."""
-    import numpy as np
-
-    from pgm_data.dataset.clip_players import read_clip_players
-    from pgm_data.scene import load_scene
-
-    scene = load_scene("tennis")
-    truth = [read_clip_players(p.parent, scene) for p in sorted((simulated / "work").glob("*/players.parquet"))]
-    solved = [read_clip_players(p.parent, scene) for p in sorted(work.glob("*/players.parquet"))]
-    rows: list[tuple[str, object]] = []
-    for number, player in enumerate(scene.players):
-        true_root, true_joints = (
-            {
-                int(frame): values
-                for clip in truth
-                for frame, values in zip(clip.video_frame, getattr(clip.players[number], name), strict=True)
-            }
-            for name in ("root_position", "joints")
-        )
-        errors, joint_errors = [], []
-        for clip in solved:
-            track = clip.players[number]
-            for row, frame in enumerate(clip.video_frame.tolist()):
-                if frame in true_root and track.status[row] != "none":
-                    errors.append(np.linalg.norm(track.root_position[row] - true_root[frame]))
-                    joint_errors.append(np.linalg.norm(track.joints[row] - true_joints[frame], axis=-1).mean())
-        joints = np.array([error for error in joint_errors if np.isfinite(error)])
-        median = f"{100 * float(np.nanmedian(errors)):.0f} cm" if errors else "-"
-        rows.append((f"{player.name}: frames placed / there", f"{len(errors)} / {len(true_root)}"))
-        rows.append((f"{player.name}: error of the root, median", median))
-        rows.append(
-            (f"{player.name}: error of the joints, median", f"{100 * np.median(joints):.0f} cm" if len(joints) else "-")
-        )
-    return table_text(("players against the truth", ""), rows)
-
-
-def _ball_compared(simulated: Path, work: Path) -> str:
-    """A table of the ball's errors against the truth."""
-    import numpy as np
-    import pandas as pd
-
-    def tables(folder: Path, name: str) -> pd.DataFrame:
-        found = [pd.read_parquet(p) for p in sorted(folder.glob(f"*/{name}.parquet"))]
-        return pd.concat(found, ignore_index=True)
-
-    truth, solved = tables(simulated / "work", "ball"), tables(work, "ball")
-    both = solved.merge(truth, on="video_frame", suffixes=("", " true"))
-    placed = both[(both["ball.status"] != "none") & (both["ball.status true"] != "none")]
-    if not len(placed):
-        return table_text(("ball against the truth", ""), [("frames with the ball in metres", 0)])
-    position, true, cov = (
-        np.stack([np.asarray(value) for value in placed[name]])
-        for name in ("ball.position", "ball.position true", "ball.position_cov")
-    )
-    error = np.linalg.norm(position - true, axis=1)
-    stated = np.sqrt(cov[:, [0, 3, 5]].sum(axis=1))
-    shots, true_shots = tables(work, "ball_shots"), tables(simulated / "work", "ball_shots")
-    rows = [
-        ("frames with the ball in metres", len(placed)),
-        ("error in metres, median", f"{100 * float(np.median(error)):.0f} cm"),
-        ("its stated standard deviation, median", f"{100 * float(np.median(stated)):.0f} cm"),
-        ("flights found / there", f"{len(shots)} / {len(true_shots)}"),
-    ]
-    return table_text(("ball against the truth", ""), rows)
+    look = ("--motion", "follow", "--duplicates", "--closeups")
+    match = ("--matches", "1", "--minutes", minutes, "--seed", options.seed)
+    return steps.run("pgm simulate", simulate, ["--out", out, *match, *look])

@@ -304,8 +304,8 @@ def _animation(options: Annotated[AnimationTraining, tyro.conf.arg(name="")]) ->
     from dataclasses import asdict
 
     from pgm_models.animation.masks import MASKS
-    from pgm_models.animation.model import MODEL_NAME
     from pgm_models.animation.run import AnimationRunOptions, train_animation
+    from pgm_models.model_file import MODEL_NAME
     from pgm_models.processes import leads
 
     if leads():

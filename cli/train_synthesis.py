@@ -68,8 +68,8 @@ def train_synthesis_model(options: Annotated[SynthesisTraining, tyro.conf.arg(na
         raise option_error("--held-out", expected="0 or more, and below 1", got=options.held_out)
     if options.accumulate < 1:
         raise option_error("--accumulate", expected="1 or more", got=options.accumulate)
+    from pgm_models.model_file import MODEL_NAME
     from pgm_models.processes import leads
-    from pgm_models.synthesis.model import MODEL_NAME
     from pgm_models.synthesis.run import SynthesisRunOptions, train_synthesis
 
     if leads():

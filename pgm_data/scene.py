@@ -34,6 +34,8 @@ class SceneObject:
     """Features per cell."""
     samples_per_ray: int
     """Samples a ray takes inside its box."""
+    opacity: Literal["solid", "learned"] = "solid"
+    """Whether a plane hides all that is behind it, or how much it does is learned; `solid` of what is no plane."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -213,7 +215,12 @@ def _object(name: str, raw: object) -> SceneObject:
     if (kind == "player") != ("skeleton" in value):
         expected, got = ("a skeleton", "none") if kind == "player" else ("none", value["skeleton"])
         raise FieldError(f"{place}.skeleton: expected {expected} since its kind is {kind}, got {got}")
-    radiance = fields(value["radiance"], f"{place}.radiance", required=("representation", "grid", "features"))
+    radiance = fields(
+        value["radiance"], f"{place}.radiance", required=("representation", "grid", "features"), optional=("opacity",)
+    )
+    opacity = word(radiance.get("opacity", "solid"), f"{place}.radiance.opacity", ("solid", "learned"))
+    if opacity != "solid" and kind != "plane":
+        raise FieldError(f"{place}.radiance.opacity: expected solid since its kind is {kind}, got {opacity}")
     region = sequence(value.get("region_m", []), f"{place}.region_m")
     if len(region) not in (0, 2):
         raise FieldError(f"{place}.region_m: expected its lower and its upper corner, got {region}")
@@ -233,6 +240,7 @@ def _object(name: str, raw: object) -> SceneObject:
         ),
         features=count(radiance["features"], f"{place}.radiance.features"),
         samples_per_ray=count(value["samples_per_ray"], f"{place}.samples_per_ray"),
+        opacity=opacity,
     )
 
 

@@ -130,6 +130,17 @@ def test_a_scene_holds_what_its_file_says_and_nothing_of_what_it_does_not(scene,
     assert any(o.kind == "ball" for o in loaded.objects) == (loaded.ball is not None)
 
 
+def test_the_net_is_a_plane_that_one_sees_through_and_holds_all_of_it():
+    scene = load_scene("tennis")
+    assert scene.court is not None
+    (net,) = [thing for thing in scene.objects if thing.opacity == "learned"]
+    assert (net.name, net.kind) == ("net", "plane")
+    low, high = np.array(net.region_m)
+    assert (scene.court.net_world >= low).all() and (scene.court.net_world <= high).all()
+    np.testing.assert_allclose(high - low, net.box_m)
+    assert all(thing.opacity == "solid" for name in ("blocks", "badminton") for thing in load_scene(name).objects)
+
+
 def test_players_are_near_and_far():
     for scene in ("tennis", "badminton", "pickleball", "tabletennis"):
         near, far = load_scene(scene).players
@@ -215,6 +226,16 @@ BAD_SCENES = [
         "objects.player0.samples_per_ray: expected a whole number of at least 1",
     ),
     ("grid: [32, 32, 32]", "grid: [32, 32.5, 32]", "objects.player0.radiance.grid: expected a whole number"),
+    (
+        "representation: sphere, grid: []",
+        "representation: sphere, opacity: learned, grid: []",
+        "objects.ball.radiance.opacity: expected solid since its kind is ball, got learned",
+    ),
+    (
+        "opacity: learned",
+        "opacity: half",
+        "objects.net.radiance.opacity: expected one of solid, learned, got 'half'",
+    ),
     ("lift: spin", "lift: magic", "ball.lift: expected one of none, spin, got 'magic'"),
     ("{mean: 0.0203, std: 0.002}", "{mean: 0.0203}", "ball.drag_per_m.std: expected the field, got none"),
     ("{mean: 0.0203, std: 0.002}", "{mean: 0.0203, std: 0}", "ball.drag_per_m.std: expected a finite number above 0"),

@@ -111,6 +111,12 @@ OBJECT = record(
                 "grid": array("cells along each axis", integer("cells", low=1)),
                 "features": integer("features per cell", low=1),
             },
+            {
+                "opacity": text(
+                    "whether a plane hides all that is behind it, or how much it does is learned; solid unless said",
+                    one_of=["solid", "learned"],
+                ),
+            },
         ),
         "samples_per_ray": integer("samples a ray takes inside its box", low=1),
     },
@@ -122,6 +128,12 @@ OBJECT = record(
     "if": {"properties": {"kind": {"const": "player"}}, "required": ["kind"]},
     "then": {"required": ["skeleton"]},
     "else": {"properties": {"skeleton": False}},
+    "allOf": [
+        {
+            "if": {"properties": {"kind": {"const": "plane"}}, "required": ["kind"]},
+            "else": {"properties": {"radiance": {"properties": {"opacity": {"const": "solid"}}}}},
+        }
+    ],
 }
 
 BALL = record(

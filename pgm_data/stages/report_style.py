@@ -64,8 +64,9 @@ i.s-measured{background:var(--measured)}i.s-interpolated{background:var(--interp
 i.k-c1{background:var(--c1)}i.k-c2{background:var(--c2)}i.k-c3{background:var(--c3)}
 .pictures{display:grid;grid-template-columns:repeat(auto-fill,minmax(min(100%,300px),1fr));gap:12px}
 .pictures.small{grid-template-columns:repeat(auto-fill,minmax(min(100%,220px),1fr))}
+.pictures.wide{grid-template-columns:repeat(auto-fit,minmax(min(100%,460px),1fr))}
 figure{margin:0}
-figure img{display:block;width:100%;height:auto;border-radius:6px}
+figure img,figure video{display:block;width:100%;height:auto;border-radius:6px}
 figcaption{font-size:.8rem;color:var(--quiet);padding:4px 2px 0;overflow-wrap:anywhere}
 details summary{cursor:pointer}
 ul{margin:.3em 0;padding-left:1.2em}
@@ -76,13 +77,15 @@ li{overflow-wrap:anywhere}
 
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 """What the page may load: nothing but what stands in it, whatever a file name tries."""
+VIDEO_POLICY = f"{POLICY}; media-src 'self' file:"
+"""Of a page that also plays videos that lie beside it."""
 
 
-def page(title: str, body: str) -> str:
+def page(title: str, body: str, policy: str = POLICY) -> str:
     """A whole page of the given HTML; the title is escaped here."""
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>{escape(title)}</title>\n<style>{CSS}</style>\n</head>\n<body>\n<main>\n{body}\n</main>\n</body>\n"
         "</html>\n"

@@ -1,6 +1,5 @@
 """The animation model as one thing: layout, network, trained text aggregator, and the file it is kept in."""
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.resources import as_file, files
@@ -11,7 +10,6 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
-from pgm_data.dataset.files import whole_file
 from pgm_models.animation.aggregator import Aggregator
 from pgm_models.animation.layout import Layout, layout_from_json, layout_to_json
 from pgm_models.animation.nearness import Nearness, offset_widths
@@ -21,10 +19,8 @@ from pgm_models.animation.presets import Design, NetworkOptions, TextOptions
 from pgm_models.animation.prior import Preconditioner, TemporalPrior, prior_from_json, prior_to_json
 from pgm_models.animation.text_encoders import TextEncoder, encoder_of
 from pgm_models.animation.windows import Windows
-from pgm_models.checkpoint import CHECKPOINT_NAME, load_checkpoint
+from pgm_models.model_file import stored_model, write_model
 
-MODEL_NAME = "model.safetensors"
-"""File name of a run's averaged weights with all that is needed to use them."""
 SHIPPED = ("tennis_small",)
 """Names of models that come with the package."""
 Step = Callable[[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor], Tensor]
@@ -243,13 +239,7 @@ def options_from_json(raw: Mapping) -> ModelOptions:
 
 def save_model(path: Path, model: AnimationModel, about: Mapping[str, object]) -> None:
     """Write weights and options as one safetensors file, whole or not at all."""
-    from safetensors.torch import save_file
-
-    metadata = {"pgm_animation": json.dumps(options_to_json(model.options)), "about": json.dumps(about)}
-    tensors = {name: value.detach().cpu().contiguous().clone() for name, value in model.state_dict().items()}
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(path) as temporary:
-        save_file(tensors, temporary, metadata=metadata)
+    write_model(path, "animation", model, options_to_json(model.options), about)
 
 
 def load_model(run: Path, device: torch.device | str = "cpu") -> AnimationModel:
@@ -260,33 +250,9 @@ def load_model(run: Path, device: torch.device | str = "cpu") -> AnimationModel:
     """
     if str(run) in SHIPPED and not run.exists():
         with as_file(files("pgm_models.animation").joinpath(f"weights/{run}.safetensors")) as path:
-            return _read(path, device)
-    if run.is_file():
-        return _read(run, device)
-    if (run / MODEL_NAME).is_file():
-        return _read(run / MODEL_NAME, device)
-    if (run / CHECKPOINT_NAME).is_file():
-        found = load_checkpoint(run / CHECKPOINT_NAME)
-        described = found.options.get("task", {}).get("model")
-        if not isinstance(described, dict):
-            raise ValueError(f"{run}: expected a run of pgm-train animation, got one of another model")
-        model = AnimationModel(options_from_json(described))
-        model.load_state_dict(dict(found.average))
-        return model.eval().requires_grad_(False).to(device)
-    what = "an empty or foreign folder" if run.is_dir() else "nothing there"
-    raise ValueError(f"{run}: expected a run of pgm-train animation or one of {', '.join(SHIPPED)}, got {what}")
-
-
-def _read(path: Path, device: torch.device | str) -> AnimationModel:
-    from safetensors import SafetensorError, safe_open
-
-    try:
-        with safe_open(path, framework="pt") as file:
-            about = file.metadata() or {}
-            if "pgm_animation" not in about:
-                raise ValueError(f"{path}: expected an animation model, got a safetensors file of something else")
-            model = AnimationModel(options_from_json(json.loads(about["pgm_animation"])))
-            model.load_state_dict({name: file.get_tensor(name).float() for name in file.keys()})
-    except (SafetensorError, RuntimeError) as error:
-        raise ValueError(f"{path}: expected an animation model, got {error}") from error
-    return model.eval().requires_grad_(False).to(device)
+            stored = stored_model(path, "animation", shipped=SHIPPED)
+    else:
+        stored = stored_model(run, "animation", shipped=SHIPPED)
+    model = AnimationModel(options_from_json(stored.options))
+    stored.into(model)
+    return model.to(device)

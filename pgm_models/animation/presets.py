@@ -140,4 +140,4 @@ DESIGNS: Mapping[str, Design] = MappingProxyType(
         "playable": Design(network="object_lstms", objective="reconstruction", adversary=True),
     }
 )
-"""By name: ours, what it was before the prior, the paper's, and the baselines that the paper compares with."""
+"""By name: ours; without what it reads beside states; the paper's; and the baselines that the paper compares with."""

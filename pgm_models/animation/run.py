@@ -19,7 +19,6 @@ from pgm_models.animation.fit_layout import fit_layout
 from pgm_models.animation.layout import Layout, layout_from_json, layout_to_json
 from pgm_models.animation.matches import divided_matches
 from pgm_models.animation.model import (
-    MODEL_NAME,
     AnimationModel,
     ModelOptions,
     options_from_json,
@@ -36,6 +35,7 @@ from pgm_models.animation.text_start import TextStartOptions, span_rows, teach_t
 from pgm_models.animation.window_source import WindowOptions, WindowSource
 from pgm_models.animation.windows import Windows, first_of
 from pgm_models.checkpoint import CHECKPOINT_NAME, load_checkpoint, provenance
+from pgm_models.model_file import MODEL_NAME
 from pgm_models.processes import device_of, launched_processes, leads
 from pgm_models.train import Outcome, TrainOptions, train
 

@@ -43,7 +43,7 @@ SEVERAL_SEEDS = ("ours", "paper", "transformer")
 """Designs that are trained with all seeds; the others with the first."""
 TITLES: Mapping[str, str] = {
     "ours": "ours",
-    "velocity": "ours without its prior",
+    "velocity": "ours without prior, own guess and nearness",
     "paper": "the paper's design",
     "transformer": "reconstruction transformer",
     "lstm": "reconstruction LSTM",

@@ -3,7 +3,8 @@
 Vocabulary:
 
 - A FIELD belongs to one object of the scene file and is told at points of space. VOLUMES (players, the ball, a static
-  world, inserted meshes) fill a box and are sampled along rays; SURFACES (planes, the sky) meet a ray once at most.
+  world, inserted meshes) fill a box and are sampled along rays; SURFACES (planes, the sky) meet a ray once at most. A
+  VEIL is a plane that one sees through, a net: where a ray meets it, it has one sample, among those of volumes.
 - CANONICAL space is that of a body in its rest pose, metres; a body's field lives there and is shared by all players of
   one skeleton.
 - A SPAN is where a ray may meet a volume, from `near` to `far`, metres along the ray. It is cut into equal intervals;

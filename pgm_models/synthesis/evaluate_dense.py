@@ -27,6 +27,7 @@ from pgm_models.synthesis.renderer import background
 from pgm_models.synthesis.samples import OPAQUE
 from pgm_models.synthesis.skinning import TINY, Poses, Skinning
 from pgm_models.synthesis.stylists import dressed
+from pgm_models.synthesis.surfaces import parted_veil
 from pgm_models.synthesis.worlds import StaticVolume, WorldGrids
 
 RAYS_AT_ONCE = 2048
@@ -40,7 +41,7 @@ class DenseSamples:
     depth: Float[Tensor, "rays count"]
     """Metres along the ray."""
     optical: Float[Tensor, "rays count"]
-    """Optical depth of each one's interval; 0 where the object is not."""
+    """Optical depth of each one's interval, of a veil what its own is multiplied by; 0 where the object is not."""
     rows: Int[Tensor, "samples corners"]
     """Cells about each, ray after ray."""
     shares: Float[Tensor, "samples corners"]
@@ -117,9 +118,12 @@ def _seen(
         if found is None:
             continue
         frame = rays.frame.repeat_interleave(found.depth.shape[1])
-        worn = wardrobe.wear(number, found.rows, found.shares, frame)
+        worn, optical = wardrobe.wear(number, found.rows, found.shares, frame), found.optical
+        if thing.name in fields.veils:
+            worn, hides = parted_veil(worn)
+            optical = optical * hides[:, None]
         depths.append(found.depth)
-        opticals.append(torch.where(found.depth < behind.depth[:, None], found.optical, 0.0))
+        opticals.append(torch.where(found.depth < behind.depth[:, None], optical, 0.0))
         features.append(worn.unflatten(0, found.depth.shape))
     if not depths:
         return behind.features
@@ -135,7 +139,7 @@ def _seen(
 def _samples(
     thing: SceneObject, rays: Rays, fields: Fields, grids: Grids, states: States, way: Way
 ) -> DenseSamples | None:
-    """Of an object; None of a surface, or of what is not there."""
+    """Of an object; None of a solid surface, or of what is not there."""
     name, count = thing.name, samples_of(thing, fields)
     if name in states.poses:
         key = fields.key_of[name]
@@ -151,6 +155,10 @@ def _samples(
         return dense_world(rays, world, grids.worlds[name], count=count)
     if name in fields.balls and states.balls is not None and bool(states.balls.present[0]):
         return way.ball(rays, states.balls, count)
+    if name in fields.veils:
+        met = fields.surface(name).meet(rays)
+        depth = torch.where(met.met, met.depth, 0.0)
+        return DenseSamples(depth=depth[:, None], optical=met.met[:, None].float(), rows=met.rows, shares=met.shares)
     return None
 
 

@@ -67,6 +67,7 @@ class Fields(nn.Module):
     def _add(self, thing: SceneObject, seed: int) -> None:
         options = self.options
         voxel_features = min(options.voxel_features, thing.features)
+        world_features = min(options.world_features or options.voxel_features, thing.features)
         texel_features = min(options.texel_features, thing.features)
         key, inputs = thing.name, texel_features
         match thing.kind:
@@ -84,11 +85,18 @@ class Fields(nn.Module):
                         design=self.design,
                     )
             case "static" if self.design.volumes == "mlp":
-                inputs = voxel_features
+                inputs = world_features
                 self.worlds[key] = ComputedVolume(thing, inputs, width=options.width)
             case "static":
-                inputs = voxel_features
-                self.worlds[key] = StaticVolume(thing, inputs, voxels=options.voxels, width=options.width, seed=seed)
+                inputs = world_features
+                self.worlds[key] = StaticVolume(
+                    thing,
+                    inputs,
+                    voxels=options.world_voxels or options.voxels,
+                    width=options.width,
+                    seed=seed,
+                    grown=options.voxels,
+                )
             case "ball":
                 self.balls[key] = nn.Parameter(torch.randn(1, inputs, generator=torch.Generator().manual_seed(seed)))
             case "plane":
@@ -111,8 +119,16 @@ class Fields(nn.Module):
                 size = _up_to(thing.grid, options.texels)
                 self.skies[key] = Sky((size[0], size[1]), inputs, width=options.width, seed=seed, design=self.design)
         if key not in self.stylists:
-            self.stylists[key] = Stylist(inputs, options.style, options.features)
+            # Of a veil also how much it hides, last: nets of different matches are of different make.
+            self.stylists[key] = Stylist(inputs, options.style, options.features + (thing.opacity == "learned"))
         self.key_of[thing.name] = key
+
+    @property
+    def veils(self) -> frozenset[str]:
+        """Planes that one sees through."""
+        return frozenset(
+            thing.name for thing in self.scene.objects if thing.opacity == "learned" and thing.name in self.planes
+        )
 
     def surface(self, name: str) -> Plane | Sky:
         """The field of a surface, by its object."""
@@ -176,7 +192,10 @@ class Wardrobe:
         shares: Float[Tensor, "points corners"],
         frame: Int[Tensor, " points"],
     ) -> Float[Tensor, "points features"]:
-        """Features of points of an object: cells about them, their weights, and the points' frames."""
+        """Features of points of an object: cells about them, their weights, and the points' frames.
+
+        Those of a veil are as `parted_veil` has them.
+        """
         name = self.fields.scene.objects[thing].name
         key, stylist = self.fields.key_of[name], self.fields.stylist(name)
         if self.fields.computed(key):

@@ -222,7 +222,7 @@ def frame_arrays(
     path = np.where(np.isfinite(position), path, 0.0)
     boxes = []
     for thing in scene.objects:
-        if thing.kind in ("plane", "skybox"):
+        if thing.kind in ("plane", "skybox") and thing.opacity == "solid":
             boxes.append(np.broadcast_to(whole_picture(size), (len(kept), 4)))
             continue
         low, high = _world_boxes(thing, scene, (rotations, translations), (position, path))
@@ -279,10 +279,10 @@ def _world_boxes(
     bodies: tuple[Mapping[str, np.ndarray], Mapping[str, np.ndarray]],
     ball: tuple[np.ndarray, np.ndarray],
 ) -> tuple[Float[np.ndarray, "frames 3"], Float[np.ndarray, "frames 3"]]:
-    """Lowest and highest corners of a volume in each frame, metres; NaN where it is not there.
+    """Lowest and highest corners of a volume or a veil in each frame, metres; NaN where it is not there.
 
     Args:
-        thing: A player, the ball or a static world.
+        thing: A player, the ball, a static world or a veil.
         scene: Its scene.
         bodies: Rotations and translations of joints, by player.
         ball: Positions and paths.

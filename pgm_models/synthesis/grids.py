@@ -84,6 +84,25 @@ def fetched(
     return mixed(table, *corners_of(points, size))
 
 
+def finer(
+    table: Float[Tensor, "cells channels"], size: Sequence[int], wanted: Sequence[int]
+) -> Float[Tensor, "wanted_cells channels"]:
+    """A volume with other numbers of cells along its axes, linearly between its own; its outermost cells stay there."""
+    if tuple(size) == tuple(wanted):
+        return table
+    # One axis after the other, as matrix products: the last one is most of the work, and several times faster so.
+    values = table.unflatten(0, tuple(size))
+    for axis, (cells, more) in enumerate(zip(size, wanted, strict=True)):
+        hats = functional.interpolate(
+            torch.eye(cells, device=table.device, dtype=table.dtype)[None], size=more, mode="linear", align_corners=True
+        )
+        before, after = values.shape[:axis], values.shape[axis + 1 :]
+        with torch.autocast(table.device.type, enabled=False):  # which would round
+            values = hats[0].T @ values.reshape(-1, cells, after.numel())
+        values = values.reshape(*before, more, *after)
+    return values.flatten(0, -2)
+
+
 class Convolution3d(nn.Conv3d):
     """A convolution over a volume's neighbours, zeros beyond it, as fast for one small volume as for many.
 

@@ -9,17 +9,15 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from pgm_data.dataset.files import whole_file
 from pgm_data.scene import load_scene
-from pgm_models.checkpoint import CHECKPOINT_NAME, load_checkpoint, weights_digest
+from pgm_models.checkpoint import weights_digest
+from pgm_models.model_file import stored_model, write_model
 from pgm_models.synthesis.enhancer import Enhancer
 from pgm_models.synthesis.fields import Fields
 from pgm_models.synthesis.presets import EnhancerOptions, FieldOptions, StyleOptions, SynthesisDesign
 from pgm_models.synthesis.sparse_pictures import Upsampler
 from pgm_models.synthesis.style_encoder import OwnStyleEncoders, StyleEncoder
 
-MODEL_NAME = "model.safetensors"
-"""File name of a run's averaged weights with all that is needed to use them."""
 STYLES = "match_styles"
 """Tensor of a model file beside the weights: styles of matches, whose names are in its metadata."""
 
@@ -128,16 +126,11 @@ def model_digest(model: SynthesisModel) -> str:
 
 def save_model(path: Path, model: SynthesisModel, about: Mapping[str, object]) -> None:
     """Write weights and options as one safetensors file, whole or not at all."""
-    from safetensors.torch import save_file
-
-    metadata = {"pgm_synthesis": json.dumps(options_to_json(model.options)), "about": json.dumps(about)}
-    tensors = {name: value.detach().cpu().contiguous().clone() for name, value in model.state_dict().items()}
+    tensors, more = {}, {}
     if model.match_styles:
-        tensors[STYLES] = torch.stack([*model.match_styles.values()]).cpu()
-        metadata[STYLES] = json.dumps([*model.match_styles])
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(path) as temporary:
-        save_file(tensors, temporary, metadata=metadata)
+        tensors[STYLES] = torch.stack([*model.match_styles.values()])
+        more[STYLES] = json.dumps([*model.match_styles])
+    write_model(path, "synthesis", model, options_to_json(model.options), about, tensors=tensors, more=more)
 
 
 def load_model(run: Path, device: torch.device | str = "cpu") -> SynthesisModel:
@@ -146,33 +139,10 @@ def load_model(run: Path, device: torch.device | str = "cpu") -> SynthesisModel:
     Raises:
         ValueError: If there is none; says what was found.
     """
-    for path in (run, run / MODEL_NAME):
-        if path.is_file():
-            return _read(path, device)
-    if (run / CHECKPOINT_NAME).is_file():
-        found = load_checkpoint(run / CHECKPOINT_NAME)
-        described = found.options.get("task", {}).get("model")
-        if not isinstance(described, dict) or "fields" not in described:
-            raise ValueError(f"{run}: expected a run of pgm-train synthesis, got one of another model")
-        model = SynthesisModel(options_from_json(described))
-        model.load_state_dict(dict(found.average))
-        return model.eval().requires_grad_(False).to(device)
-    what = "an empty or foreign folder" if run.is_dir() else "nothing there"
-    raise ValueError(f"{run}: expected a run of pgm-train synthesis, got {what}")
-
-
-def _read(path: Path, device: torch.device | str) -> SynthesisModel:
-    from safetensors import SafetensorError, safe_open
-
-    try:
-        with safe_open(path, framework="pt") as file:
-            about = file.metadata() or {}
-            if "pgm_synthesis" not in about:
-                raise ValueError(f"{path}: expected a synthesis model, got a safetensors file of something else")
-            model = SynthesisModel(options_from_json(json.loads(about["pgm_synthesis"])))
-            model.load_state_dict({name: file.get_tensor(name) for name in file.keys() if name != STYLES})
-            names = json.loads(about.get(STYLES, "[]"))
-            model.keep_styles(dict(zip(names, file.get_tensor(STYLES), strict=True)) if names else {})
-    except (SafetensorError, RuntimeError) as error:
-        raise ValueError(f"{path}: expected a synthesis model, got {error}") from error
-    return model.eval().requires_grad_(False).to(device)
+    stored = stored_model(run, "synthesis")
+    model = SynthesisModel(options_from_json(stored.options))
+    stored.into(model, apart=(STYLES,))
+    names = json.loads(stored.more.get(STYLES, "[]"))
+    if names:
+        model.keep_styles(dict(zip(names, stored.tensors[STYLES], strict=True)))
+    return model.to(device)

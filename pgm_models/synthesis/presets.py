@@ -31,6 +31,11 @@ class FieldOptions:
     """Whether cells or samples are dressed in a style."""
     world_samples: int = 48
     """Samples of a ray in a static world, which is as large as a room: air is passed over, so that many cost little."""
+    world_voxels: int = 0
+    """Cells of a static world along its longest axis, between `voxels` of which the network makes all; 0 for as many as
+    the network makes."""
+    world_features: int = 0
+    """Values of each; 0 for `voxel_features`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,7 +136,9 @@ class Preset:
 PRESETS: Mapping[str, Preset] = MappingProxyType(
     {
         "nano": Preset(
-            fields=FieldOptions(voxels=16, voxel_features=8, texels=32, texel_features=8, samples=12, width=8),
+            fields=FieldOptions(
+                voxels=16, voxel_features=8, texels=32, texel_features=8, samples=12, width=8, world_voxels=32
+            ),
             enhancer=EnhancerOptions(widths=(8, 16)),
             style=StyleOptions(widths=(8, 16), crop=8),
             picture=(128, 72),
@@ -142,7 +149,9 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
             learning_rate=5e-3,
         ),
         "tiny": Preset(
-            fields=FieldOptions(voxels=16, voxel_features=16, texels=64, texel_features=16, samples=16, width=16),
+            fields=FieldOptions(
+                voxels=16, voxel_features=16, texels=64, texel_features=16, samples=16, width=16, world_voxels=64
+            ),
             enhancer=EnhancerOptions(widths=(8, 16, 32)),
             style=StyleOptions(widths=(8, 16, 32), crop=8),
             picture=(256, 144),
@@ -153,7 +162,16 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
             learning_rate=3e-3,
         ),
         "small": Preset(
-            fields=FieldOptions(voxels=32, voxel_features=32, texels=128, texel_features=32, samples=24, width=16),
+            fields=FieldOptions(
+                voxels=32,
+                voxel_features=32,
+                texels=128,
+                texel_features=32,
+                samples=24,
+                width=16,
+                world_voxels=96,
+                world_features=12,
+            ),
             enhancer=EnhancerOptions(widths=(16, 32, 64)),
             style=StyleOptions(widths=(16, 32, 64), crop=8),
             picture=(512, 288),
@@ -164,7 +182,9 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
             learning_rate=2e-3,
         ),
         "base": Preset(
-            fields=FieldOptions(voxels=32, voxel_features=64, texels=256, texel_features=64, samples=32, width=32),
+            fields=FieldOptions(
+                voxels=32, voxel_features=64, texels=256, texel_features=64, samples=32, width=32, world_voxels=128
+            ),
             enhancer=EnhancerOptions(widths=(16, 32, 64)),
             style=StyleOptions(widths=(32, 64, 128), crop=8),
             picture=(1024, 576),
@@ -177,6 +197,7 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
         "paper": Preset(
             fields=FieldOptions(
                 voxels=128,
+                world_voxels=128,
                 voxel_features=512,
                 texels=256,
                 texel_features=512,
@@ -206,7 +227,7 @@ class PresetChanges:
     samples: int = 0
     """Of `FieldOptions`; those of static worlds change by the same factor. 0 for the preset's."""
     voxels: int = 0
-    """Of `FieldOptions`; 0 for the preset's."""
+    """Of `FieldOptions`; those of static worlds change by the same factor. 0 for the preset's."""
     enhancer: tuple[int, ...] | None = None
     """Widths of `EnhancerOptions`; None for the preset's."""
     stylising: Stylising | None = None
@@ -225,12 +246,13 @@ def changed_preset(preset: Preset, changes: PresetChanges) -> Preset:
         if getattr(changes, name) < 0:
             raise ValueError(f"{name}: expected 0 or more, got {getattr(changes, name)}")
     own = preset.fields
-    samples = changes.samples or own.samples
+    samples, voxels = changes.samples or own.samples, changes.voxels or own.voxels
     field_options = replace(
         own,
         samples=samples,
         world_samples=max(1, round(own.world_samples * samples / own.samples)),
-        voxels=changes.voxels or own.voxels,
+        voxels=voxels,
+        world_voxels=own.world_voxels and max(2, round(own.world_voxels * voxels / own.voxels)),
         stylising=changes.stylising or own.stylising,
     )
     height = changes.height or preset.picture[1]

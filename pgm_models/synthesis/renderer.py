@@ -14,7 +14,7 @@ from pgm_models.synthesis.fields import Fields, Grids, States, Wardrobe
 from pgm_models.synthesis.insertions import Placed, march_mesh
 from pgm_models.synthesis.rays import Rays
 from pgm_models.synthesis.samples import Samples, along_rays, joined_samples, summed, weights_of
-from pgm_models.synthesis.surfaces import Met
+from pgm_models.synthesis.surfaces import Met, parted_veil
 
 FAINT = 1e-6
 """Samples that make less of a pixel are not dressed; of a hundred on a ray, 1e-4 is lost at most."""
@@ -60,14 +60,26 @@ class Known:
     """For volumes by object: the rays that may meet them; all where it says nothing of one."""
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Part:
+    """What rays meet of one object."""
+
+    thing: int
+    """Its number; those of inserted meshes follow those of objects."""
+    marched: Marched
+    worn: Float[Tensor, "samples features"] | None = None
+    """What its samples look like, where that is known."""
+
+
 def background(rays: Rays, fields: Fields, wardrobe: Wardrobe) -> Background:
-    """The nearest surface that each ray meets."""
+    """The nearest surface that each ray meets, veils apart."""
     features = rays.direction.new_zeros(len(rays), fields.options.features)
     depth = torch.full_like(rays.direction[:, 0], torch.inf)
     thing = torch.full_like(rays.frame, -1)
     met: dict[int, Met] = {}
+    veils = fields.veils
     for number, each in enumerate(fields.scene.objects):
-        if each.name in fields.planes or each.name in fields.skies:
+        if (each.name in fields.planes and each.name not in veils) or each.name in fields.skies:
             with _exactly(rays):
                 met[number] = fields.surface(each.name).meet(rays)
             nearer = met[number].depth < depth
@@ -113,22 +125,25 @@ def render(
     """
     known = known or Known()
     behind = background(rays, fields, wardrobe) if known.behind is None else known.behind
-    parts: list[tuple[int, Marched]] = []
+    parts: list[_Part] = []
     for number, each in enumerate(fields.scene.objects):
         some = known.near.get(each.name)
+        if each.name in fields.veils:
+            parts.append(_veiled(number, rays, some, behind.depth, fields, wardrobe))
+            continue
         with _exactly(rays):
             marched = _marched(each, rays if some is None else rays[some], fields, grids, states, jitter)
         if marched is not None:
-            parts.append((number, _in_front(marched, some, behind.depth)))
+            parts.append(_Part(thing=number, marched=_in_front(marched, some, behind.depth)))
     objects = len(fields.scene.objects)
     for number, each in enumerate(inserted, objects):
         own = rays if each.near is None else rays[each.near]
         with _exactly(rays):
             marched = march_mesh(own, each.mesh, each.placement, count=each.mesh.intervals)
-        parts.append((number, _in_front(marched, each.near, behind.depth)))
+        parts.append(_Part(thing=number, marched=_in_front(marched, each.near, behind.depth)))
     shares = rays.direction.new_zeros(len(rays), objects + len(inserted))
-    looked_at = sum(part.looked_at for _, part in parts)
-    if not sum(len(part.samples) for _, part in parts):
+    looked_at = sum(part.marched.looked_at for part in parts)
+    if not sum(len(part.marched.samples) for part in parts):
         return Rendered(
             features=behind.features,
             depth=behind.depth,
@@ -137,20 +152,23 @@ def render(
             looked_at=looked_at,
             dressed=0,
         )
-    samples, part = joined_samples([each.samples for _, each in parts])
-    optical = torch.cat([each.optical for _, each in parts])
+    samples, part = joined_samples([each.marched.samples for each in parts])
+    optical = torch.cat([each.marched.optical for each in parts])
     order = along_rays(samples)
     weights = torch.empty_like(optical).index_put((order,), weights_of(samples.ray[order], optical[order]))
     passed = torch.exp(-summed(samples.ray, optical, len(rays)))
     features = behind.features * passed[:, None]
     dressed = 0
-    for place, (number, each) in enumerate(parts):
+    for place, each in enumerate(parts):
+        number, marched = each.thing, each.marched
         own = torch.nonzero(part == place)[:, 0]
         kept = torch.nonzero(weights[own].detach() > FAINT)[:, 0]
         chosen = own[kept]
         ray, weight = samples.ray[chosen], weights[chosen]
-        if number < objects:
-            worn = wardrobe.wear(number, each.rows[kept], each.shares[kept], rays.frame[ray]).to(features.dtype)
+        if each.worn is not None:
+            worn = each.worn[kept]
+        elif number < objects:
+            worn = wardrobe.wear(number, marched.rows[kept], marched.shares[kept], rays.frame[ray]).to(features.dtype)
         else:
             worn = _coloured(inserted[number - objects], features)
         features = features.index_add(0, ray, weight[:, None] * worn)
@@ -198,6 +216,26 @@ def _marched(
             looked_at=len(own),
         )
     return None
+
+
+def _veiled(
+    number: int,
+    rays: Rays,
+    some: Int[Tensor, " some"] | None,
+    hidden_from: Float[Tensor, " rays"],
+    fields: Fields,
+    wardrobe: Wardrobe,
+) -> _Part:
+    """Where the rays, or only some of them, meet a veil before they end, and what it looks like there."""
+    with _exactly(rays):
+        met = fields.surface(fields.scene.objects[number].name).meet(rays if some is None else rays[some])
+    own = torch.nonzero(met.depth < (hidden_from if some is None else hidden_from[some]))[:, 0]
+    ray = own if some is None else some[own]
+    rows, shares, depth = met.rows[own], met.shares[own], met.depth[own]
+    worn, optical = parted_veil(wardrobe.wear(number, rows, shares, rays.frame[ray]).to(depth.dtype))
+    samples = Samples(ray=ray, depth=depth, length=torch.zeros_like(depth))
+    marched = Marched(samples=samples, optical=optical, rows=rows, shares=shares, looked_at=len(own))
+    return _Part(thing=number, marched=marched, worn=worn)
 
 
 def _drawn(rays: Rays, count: int, jitter: torch.Generator | None) -> Tensor | None:

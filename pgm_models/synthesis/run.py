@@ -9,11 +9,12 @@ import numpy as np
 import torch
 
 from pgm_models.checkpoint import CHECKPOINT_NAME, provenance
+from pgm_models.model_file import MODEL_NAME
 from pgm_models.processes import device_of, launched_processes, leads
 from pgm_models.synthesis.frames import FrameStore, held_out, read_frames
 from pgm_models.synthesis.losses import eye_loss
 from pgm_models.synthesis.match_styles import match_styles
-from pgm_models.synthesis.model import MODEL_NAME, ModelOptions, SynthesisModel, save_model
+from pgm_models.synthesis.model import ModelOptions, SynthesisModel, save_model
 from pgm_models.synthesis.patches import PatchOptions, PatchSource
 from pgm_models.synthesis.presets import PRESETS, PresetChanges, changed_preset, design_named
 from pgm_models.synthesis.rays import camera_rays, picture_pixels

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from pgm_data.geometry.camera import Camera, same_camera
+from pgm_data.scene import SceneObject
 from pgm_models.synthesis.balls import ball_boxes
 from pgm_models.synthesis.bodies import body_boxes
 from pgm_models.synthesis.boxes import Boxes, screen_rectangle
@@ -19,6 +20,7 @@ from pgm_models.synthesis.rays import Rays, camera_rays, picture_pixels
 from pgm_models.synthesis.renderer import Background, Known, background, render
 from pgm_models.synthesis.sparse_pictures import cell_of_pixels, followed_pixels, near_cells, spread
 from pgm_models.synthesis.stylists import COLOURS
+from pgm_models.synthesis.worlds import world_box
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -125,7 +127,7 @@ class Studio:
         """The pixels that may show each volume."""
         near = {}
         for thing in self.model.scene.objects:
-            boxes = self._boxes(thing.name, states)
+            boxes = self._boxes(thing, states)
             if boxes is not None:
                 near[thing.name] = self._pixels(camera, boxes)
         return near
@@ -135,8 +137,8 @@ class Studio:
         meshes = placed_meshes([each.to(self.model.device) for each in inserted], states.poses, 1)
         return [replace(each, near=self._pixels(camera, each.boxes())) for each in meshes]
 
-    def _boxes(self, name: str, states: States) -> Boxes | None:
-        fields = self.model.fields
+    def _boxes(self, thing: SceneObject, states: States) -> Boxes | None:
+        name, fields = thing.name, self.model.fields
         if name in states.poses:
             return body_boxes(states.poses[name], fields.body(fields.key_of[name]).skinning)
         if name in fields.worlds:
@@ -144,6 +146,9 @@ class Studio:
             return Boxes(low=world.low[None], high=world.high[None])
         if name in fields.balls and states.balls is not None:
             return ball_boxes(states.balls)
+        if name in fields.veils:
+            low, high = torch.as_tensor(world_box(thing), dtype=torch.float32)
+            return Boxes(low=low[None], high=high[None])
         return None
 
     def _pixels(self, camera: Camera, boxes: Boxes) -> Tensor:

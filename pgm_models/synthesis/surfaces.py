@@ -168,6 +168,16 @@ class Plane(nn.Module):
         return paint
 
 
+def parted_veil(
+    worn: Float[Tensor, "points outputs"],
+) -> tuple[Float[Tensor, "points features"], Float[Tensor, " points"]]:
+    """Features of places of a veil, and their optical depth, of which its stylist gives one number beside them.
+
+    The veil hides a share of what is behind it that is the number's sigmoid.
+    """
+    return worn[:, :-1], nn.functional.softplus(worn[:, -1])
+
+
 def table_of(content: Grown | PlaceNetwork, device: torch.device) -> Float[Tensor, "cells inputs"]:
     """A grid's cells; of a network the unit vectors."""
     return content() if isinstance(content, Grown) else torch.eye(content.channels, device=device)

@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from pgm_data.scene import SceneObject
 from pgm_models.synthesis.bodies import DENSITY_SCALE, THIN, Marched, density_of, nothing_marched
 from pgm_models.synthesis.boxes import Boxes, Spans, box_spans
-from pgm_models.synthesis.grids import Grown, corners_of, mixed
+from pgm_models.synthesis.grids import Grown, corners_of, finer, mixed
 from pgm_models.synthesis.rays import Rays
 from pgm_models.synthesis.samples import Samples, joined_samples, uniform_samples
 
@@ -93,24 +93,30 @@ class StaticVolume(nn.Module):
 
     Convolutions make what cells have in common with their neighbours; what each holds beside it is its own. A room has
     more to tell than the few weights of a network that grows it can say, and pictures that show it from all sides; a
-    body's network has many poses to learn from.
+    body's network has many poses to learn from. What is in common needs fewer cells: it is made coarser, and
+    interpolated.
     """
 
     low: Tensor
     high: Tensor
 
-    def __init__(self, world: SceneObject, features: int, *, voxels: int, width: int, seed: int) -> None:
+    def __init__(
+        self, world: SceneObject, features: int, *, voxels: int, width: int, seed: int, grown: int | None = None
+    ) -> None:
         """A volume of at most that many voxels along its longest side (see `world_cells`), with that many values each.
+
+        At most `grown` along that side are made by convolutions; all without it.
 
         Raises:
             ValueError: As `world_cells`.
         """
         super().__init__()
         self.size = world_cells(world, voxels)
+        coarse = self.size if grown is None or grown >= voxels else world_cells(world, grown)
         low, high = world_box(world)
         self.register_buffer("low", torch.as_tensor(low, dtype=torch.float32))
         self.register_buffer("high", torch.as_tensor(high, dtype=torch.float32))
-        self.grown = Grown(self.size, features + 1, width=width, seed=seed)
+        self.grown = Grown(coarse, features + 1, width=width, seed=seed)
         self.own = nn.Parameter(torch.zeros(math.prod(self.size), features + 1))
         bias = self.grown.out.bias
         assert bias is not None
@@ -119,7 +125,7 @@ class StaticVolume(nn.Module):
 
     def grids(self) -> WorldGrids:
         """What the network makes, and what cells hold of their own."""
-        cells = self.grown() + OWN * self.own
+        cells = finer(self.grown(), self.grown.size, self.size) + OWN * self.own
         return world_grids(cells[:, :1].contiguous(), cells[:, 1:].contiguous(), self.size)
 
     def spans(self, rays: Rays) -> Spans:

@@ -167,8 +167,8 @@ def test_what_cannot_be_is_refused_in_words(run, work, tmp_path):
         (("--clip", "match0", "--frames", "3:9"), "--frames: expected A:B within 0:5 of match0, got 3:9"),
         (("--clip", "match0", "--frames", "3"), "--frames: expected A:B"),
         (("--clip", "match0", "--style", "match9"), "--style: expected a match of the model .match0, match1."),
-        (("--clip", "match0", "--style", "net=match1"), "--style: expected an object among player0, .*got 'net'"),
-        (("--clip", "match0", "--without", "net"), "--without: expected objects among player0, .*got net"),
+        (("--clip", "match0", "--style", "umpire=match1"), "--style: expected an object among player0, .*got 'umpire'"),
+        (("--clip", "match0", "--without", "umpire"), "--without: expected objects among player0, .*got umpire"),
         (("--clip", "match0", "--insert", "sword"), "--insert: sword: expected PLAYER=JOINT"),
         (("--clip", "match0", "--orbit", "--dolly"), "--orbit, --dolly: expected one of them, got 2"),
         (("--clip", "match0", "--crf", "99"), "--crf: expected 0 to 51, got 99"),
@@ -180,7 +180,7 @@ def test_what_cannot_be_is_refused_in_words(run, work, tmp_path):
     with pytest.raises(UsageError, match="RUN: .*expected a run of pgm-train synthesis, got nothing there"):
         render(tmp_path / "gone", work, out, "--clip", "match0")
     save_model(tmp_path / "other" / "model.safetensors", toy_animation(toy_layout()), {})
-    with pytest.raises(UsageError, match="RUN: .*expected a synthesis model, got a safetensors file of something else"):
+    with pytest.raises(UsageError, match="RUN: .*expected a model of pgm-train synthesis, got .* something else"):
         render(tmp_path / "other", work, out, "--clip", "match0")
     with pytest.raises(UsageError, match="SOURCE: .*expected a packed dataset or a work folder, got no clip"):
         render(run, tmp_path / "none", out)

@@ -13,6 +13,7 @@ from pgm_cli.main import run
 from pgm_data.dataset.check import check_paths
 from pgm_data.dataset.documents import read_document
 from pgm_data.dataset.tables import read_table
+from pgm_data.geometry.camera import Camera, project
 from pgm_data.scene import load_scene, scene_text
 from pgm_data.simulate.clip import simulate_clip, simulate_shots
 from pgm_data.simulate.clip_options import ClipOptions
@@ -149,6 +150,26 @@ def test_masks_say_which_object_is_seen_and_how_far(tmp_path: Path) -> None:
         assert x0 - 4 < box[2] and x1 + 4 > box[0] and y0 - 4 < box[3] and y1 + 4 > box[1]
         assert abs((y0 + y1) / 2 - (box[1] + box[3]) / 2) < 0.25 * (box[3] - box[1])
     assert depth[0][labels[0] == 1].mean() < depth[0][labels[0] == 2].mean()
+    # The net's tape is marked from post to post where nobody stands before it, as far away as it is.
+    scene = load_scene("tennis")
+    assert scene.court is not None
+    camera = {name: values[0] for name, values in read_table(folder / "camera.parquet").items()}
+    R, t = camera["camera.R_cam_from_world"].reshape(3, 3), camera["camera.t_cam_from_world"]
+    places = scene.court.net_world[:1] + np.linspace(0.0, 1.0, 50)[1:-1, None] * np.diff(
+        scene.court.net_world[:2], axis=0
+    )
+    places[:, 2] -= 0.5 * scene.court.tape_width
+    own = Camera(
+        K=camera["camera.K"].reshape(3, 3),
+        distortion=camera["camera.distortion"],
+        R_cam_from_world=R,
+        t_cam_from_world=t,
+    )
+    pixels, seen = project(own, places)
+    x, y = np.rint(pixels[seen]).astype(int).T
+    net = labels[0][y, x] == 1 + [thing.name for thing in scene.objects].index("net")
+    assert net.mean() > 0.7
+    np.testing.assert_allclose(depth[0][y, x][net], (places @ R[2] + t[2])[seen][net], atol=0.05)
 
 
 def test_a_court_without_people_and_ball_has_neither(tmp_path: Path) -> None:

@@ -170,11 +170,12 @@ class Stage:
         return image
 
     def masks(self, view: View, moment: Moment) -> Masks:
-        """Labels and depth of one picture, at the middle of its exposure."""
+        """Labels and depth of one picture, at the middle of its exposure; overwrites the buffer of `picture`."""
         names = {o.name: 1 + i for i, o in enumerate(self._scene.objects)}
         self._canvas.aim(view)
         labels, depth = self._backdrop_masks(view)
         things = []
+        net = self._net_mask(view)
         for actor in moment.actors:
             middle = len(actor.R_world) // 2
             sprite = draw_triangles(self._mesh(view, actor, middle), view, self._size, self._samples)
@@ -184,9 +185,14 @@ class Stage:
             sprite = ball_streak(middle[None], np.zeros(0), self._radius, view, self._size, self._light)
             label = next(names[o.name] for o in self._scene.objects if o.kind == "ball")
             things.append((middle, sprite, label))
-        for _, sprite, label in sorted(things, key=lambda thing: -_distance(view, thing[0])):
-            if sprite is not None:
-                _stamp(labels, depth, sprite, label)
+        things.sort(key=lambda thing: -_distance(view, thing[0]))
+        for beyond in (True, False):
+            for place, sprite, label in things:
+                if sprite is not None and (place[1] > 0.0) == beyond:
+                    _stamp(labels, depth, sprite, label)
+            if beyond and net is not None:
+                covered, label, away = net
+                labels[covered], depth[covered] = label, away[covered]
         return Masks(labels=labels, depth=depth)
 
     def _actor(self, view: View, actor: Actor) -> list[tuple[np.ndarray, Sprite]]:
@@ -276,17 +282,39 @@ class Stage:
 
     def _backdrop_masks(self, view: View) -> tuple[np.ndarray, np.ndarray]:
         """Ground and walls, from each pixel's ray."""
-        rays = self._canvas.straight.astype(float)
-        directions = np.concatenate([rays, np.ones((*rays.shape[:2], 1))], axis=2) @ view.R_cam_from_world
-        centre = view.centre_world
+        directions, centre = self._directions(view), view.centre_world
         with np.errstate(divide="ignore", invalid="ignore"):
             ground = np.where(directions[..., 2] < 0, -centre[2] / directions[..., 2], np.inf)
             far = np.where(directions[..., 1] > 0, (self._world.walls[1] - centre[1]) / directions[..., 1], np.inf)
         labels = np.zeros(ground.shape, np.uint8)
         for i, thing in enumerate(self._scene.objects):
-            if thing.kind == "plane":
+            if thing.kind == "plane" and thing.opacity == "solid":
                 labels[(ground < far) if thing.box_m[2] == 0.0 else (far <= ground) & np.isfinite(far)] = 1 + i
         return labels, np.minimum(ground, far).astype(np.float32)
+
+    def _net_mask(self, view: View) -> tuple[np.ndarray, int, np.ndarray] | None:
+        """Pixels of which the net hides half or more, its label, and how far it is; None of a scene without such."""
+        court = self._scene.court
+        label = next((1 + i for i, thing in enumerate(self._scene.objects) if thing.opacity == "learned"), 0)
+        if court is None or not len(court.net_world) or not label:
+            return None
+        # What is left of white after black is what shows through.
+        image, brush = self._canvas.image, Brush(self._canvas, view)
+        shown = []
+        for ground in (0.0, 255.0):
+            image[:] = ground
+            brush.net(self._world)
+            shown.append(image.mean(axis=2))
+        directions = self._directions(view)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            away = (court.net_world[0, 1] - view.centre_world[1]) / directions[..., 1]
+        covered = (shown[1] - shown[0] <= 0.5 * 255.0) & (away > 0) & np.isfinite(away)
+        return covered, label, away.astype(np.float32)
+
+    def _directions(self, view: View) -> Float[np.ndarray, "height width 3"]:
+        """Each pixel's ray in the world, as long as its depth is 1."""
+        rays = self._canvas.straight.astype(float)
+        return np.concatenate([rays, np.ones((*rays.shape[:2], 1))], axis=2) @ view.R_cam_from_world
 
 
 def _stamp(labels: np.ndarray, depth: np.ndarray, sprite: Sprite, label: int) -> None:

@@ -13,9 +13,10 @@ from pgm_cli.console import UsageError
 
 from pgm_models.animation.evaluate_tables import read_evaluation
 from pgm_models.animation.fit_layout import fit_layout
-from pgm_models.animation.model import MODEL_NAME, AnimationModel, ModelOptions, save_model
+from pgm_models.animation.model import AnimationModel, ModelOptions, save_model
 from pgm_models.animation.presets import DESIGNS, PRESETS
 from pgm_models.animation.text_encoders import encoder_of
+from pgm_models.model_file import MODEL_NAME
 
 
 @pytest.fixture(scope="module")

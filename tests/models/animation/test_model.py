@@ -6,12 +6,12 @@ from safetensors.torch import save_file
 
 from pgm_models.animation.layout import layout_from_json, layout_to_json
 from pgm_models.animation.model import (
-    MODEL_NAME,
     load_model,
     options_from_json,
     options_to_json,
     save_model,
 )
+from pgm_models.model_file import MODEL_NAME
 from tests.models.animation.toy_models import toy_layout, toy_model, toy_windows
 
 
@@ -48,7 +48,7 @@ def test_what_is_no_model_is_told_so(tmp_path):
     with pytest.raises(ValueError, match="something else"):
         load_model(tmp_path / "other.safetensors")
     (tmp_path / "broken.safetensors").write_bytes(b"\x80\x04pickle")
-    with pytest.raises(ValueError, match="expected an animation model"):
+    with pytest.raises(ValueError, match="expected a model of pgm-train animation"):
         load_model(tmp_path / "broken.safetensors")
 
 

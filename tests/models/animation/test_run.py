@@ -6,9 +6,10 @@ import torch
 
 from pgm_models.animation import run
 from pgm_models.animation.matches import divided_matches
-from pgm_models.animation.model import MODEL_NAME, load_model
+from pgm_models.animation.model import load_model
 from pgm_models.animation.run import AnimationRunOptions, train_animation
 from pgm_models.checkpoint import CHECKPOINT_NAME, load_checkpoint
+from pgm_models.model_file import MODEL_NAME
 from pgm_models.train import LOG_NAME
 
 

@@ -6,7 +6,7 @@ put in order of depth and let through what is behind them one after the other.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -101,7 +101,8 @@ def slow_picture(
                 if thing.name in fields.paints:
                     raw = array(fields.paints[thing.name](styles[ray.frame if len(styles) > 1 else 0, number]))
                     paint = np.concatenate([logistic(raw[:3]), raw[3:]])
-                seen += plane_seen(ray, plane, array(grids.surfaces[thing.name]), dress, paint, number)
+                found = plane_seen(ray, plane, array(grids.surfaces[thing.name]), dress, paint, number)
+                seen += [veiled(one) for one in found] if thing.opacity == "learned" else found
             elif thing.name in fields.skies:
                 sky = fields.skies[thing.name]
                 assert isinstance(sky, Sky)
@@ -387,6 +388,11 @@ def plane_seen(
         share = float(painted_share(ray, corner, normal, array(plane.lines)))
         features = (1 - share) * features + share * paint
     return [Seen(depth=depth, hidden=1.0, features=features, thing=thing)]
+
+
+def veiled(one: Seen) -> Seen:
+    """What is met of a veil: the last of its numbers tells how much it hides."""
+    return replace(one, features=one.features[:-1], hidden=float(logistic(one.features[-1])))
 
 
 def painted_share(ray: Ray, corner: np.ndarray, normal: np.ndarray, lines: np.ndarray, spots: int = 200) -> float:

@@ -153,7 +153,7 @@ def test_a_computed_plane_and_sky_are_their_networks_where_a_ray_meets_them() ->
 
 def test_what_is_computed_is_dressed_as_it_is_by_the_stylist_baked_or_not() -> None:
     fields = fields_of("tennis", SynthesisDesign(volumes="mlp"))
-    grids, styles = fields.grids(), drawn(1, 5, 3)
+    grids, styles = fields.grids(), drawn(1, len(fields.scene.objects), 3)
     values = drawn(7, 4, seed=1)
     rows, frame = torch.zeros(7, 4, dtype=torch.int64), torch.zeros(7, dtype=torch.int64)
     expected = fields.stylist("player0")(values, frame, styles[:, 0])
@@ -170,7 +170,7 @@ def test_gradients_reach_every_network_of_what_is_computed() -> None:
     assert isinstance(body.skinning, PoseNetwork)
     with torch.no_grad():
         body.skinning.offset.out.weight.add_(0.01)
-    styles = drawn(1, 5, 3).requires_grad_(True)
+    styles = drawn(1, len(fields.scene.objects), 3).requires_grad_(True)
     balls = Balls(position=torch.full((1, 3), torch.nan), path=torch.zeros(1, 3), radius=0.03)
     grids = fields.grids()
     states = States(poses={"player0": poses, "player1": poses}, balls=balls)

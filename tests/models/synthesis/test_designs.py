@@ -200,7 +200,7 @@ def test_a_changed_preset_has_those_changes_and_no_others():
     changes = PresetChanges(samples=3, voxels=5, enhancer=(), stylising="sample", height=18)
     changed = changed_preset(nano, changes)
     assert changed.picture == (32, 18) and changed.patch == 18 and changed.enhancer == EnhancerOptions(widths=())
-    wanted = {"samples": 3, "world_samples": 12, "voxels": 5, "stylising": "sample"}
+    wanted = {"samples": 3, "world_samples": 12, "voxels": 5, "world_voxels": 10, "stylising": "sample"}
     assert asdict(changed.fields) == {**asdict(nano.fields), **wanted}
     with pytest.raises(ValueError, match="voxels: expected 0 or more, got -1"):
         changed_preset(nano, PresetChanges(voxels=-1))

@@ -14,13 +14,14 @@ from pgm_cli.console import UsageError
 from pgm_data.simulate.mask_files import write_masks
 from pgm_data.simulate.shots import Masks
 from pgm_models.image_networks import MetricUnavailable
+from pgm_models.model_file import MODEL_NAME
 from pgm_models.synthesis.evaluate_about import about_run
 from pgm_models.synthesis.evaluate_choice import STRETCH, chosen_frames, stretches
 from pgm_models.synthesis.evaluate_maker import nobody, worn_in
 from pgm_models.synthesis.evaluate_networks import Networks, WordTaker
 from pgm_models.synthesis.evaluate_tables import table
 from pgm_models.synthesis.frames import FrameStore, read_frames
-from pgm_models.synthesis.model import MODEL_NAME, SynthesisModel, save_model
+from pgm_models.synthesis.model import SynthesisModel, save_model
 from pgm_models.synthesis.run import SynthesisRunOptions, train_synthesis
 from tests.models.synthesis.drawn_matches import FRAMES, drawn_matches, packed
 
@@ -98,7 +99,7 @@ def test_true_masks_take_the_place_of_rendered_ones(run, folder, capsys):
     assert command.main(words(run, folder, *more)) == 0
     found = json.loads(capsys.readouterr().out)
     places = {each["where"] for each in found["likeness"]}
-    assert places == {"frame", "player0", "player1", "ball", "court", "backplate"}
+    assert places == {"frame", "player0", "player1", "ball", "court", "backplate", "net"}
     assert found["about"]["split"] == "all" and found["about"]["masks"] == "true"
     assert set(found["silhouettes"]) == {"player0", "player1"}
     assert "expected pgm simulate, got pgm calibrate" in found["novel_view"]

@@ -171,6 +171,10 @@ def test_boxes_lie_about_what_they_are_of(tennis: Path) -> None:
         low, high = pixels.min(axis=1), pixels.max(axis=1)
         assert (own[:, :2] < low).all() and (own[:, 2:] > high).all()
         assert (own[:, 2:] - own[:, :2] < high - low + 330 * 1.2 / 20).all()
+    corners = np.array(list(product(*np.array(store.scene.objects[names.index("net")].region_m).T)))
+    pixels = np.stack([project(store.cameras[row], corners)[0] for row in range(FRAMES)])
+    expected = np.concatenate([pixels.min(axis=1), pixels.max(axis=1)], axis=1)
+    np.testing.assert_allclose(store.boxes_px[:, names.index("net")], expected, atol=1e-3)
     for name in ("court", "backplate"):
         np.testing.assert_array_equal(
             store.boxes_px[:, names.index(name)], np.tile(np.float32(whole_picture(SIZE)), (FRAMES, 1))

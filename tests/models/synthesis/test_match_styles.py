@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import torch
 
+from pgm_models.model_file import MODEL_NAME
 from pgm_models.synthesis.frames import frames_of_work
 from pgm_models.synthesis.match_styles import match_styles, styles_of
-from pgm_models.synthesis.model import MODEL_NAME, load_model, model_digest, save_model
+from pgm_models.synthesis.model import load_model, model_digest, save_model
 from tests.models.synthesis.drawn_matches import drawn_matches
 from tests.models.synthesis.toy_models import PICTURE, toy_model, toy_run
 

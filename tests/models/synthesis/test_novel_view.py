@@ -13,9 +13,10 @@ from pgm_data.scene import load_scene
 from pgm_data.simulate.clip import simulate_shots
 from pgm_data.simulate.clip_options import ClipOptions
 from pgm_data.simulate.folders import MatchFiles, match_seed, pack_truth, write_match, write_shots
+from pgm_models.model_file import MODEL_NAME
 from pgm_models.synthesis.evaluate_run import SynthesisEvaluationOptions, evaluate_synthesis, open_judge
 from pgm_models.synthesis.evaluate_tables import evaluation_text
-from pgm_models.synthesis.model import MODEL_NAME, ModelOptions, SynthesisModel, save_model
+from pgm_models.synthesis.model import ModelOptions, SynthesisModel, save_model
 from pgm_models.synthesis.novel_view import (
     DIRECTIONS,
     NovelOptions,

@@ -136,8 +136,8 @@ def test_surfaces_that_are_left_out_show_what_is_behind_them_or_nothing(model, s
     nothing = empty.moving(camera(), states(model))
     assert not nothing.features.any() and nothing.looked_at == 0
     assert "backplate" in model.fields.planes  # the model itself stays whole
-    with pytest.raises(ValueError, match="without: expected objects among player0, .*got 'net'"):
-        Filmer(model, styles, SIZE, without=["net"])
+    with pytest.raises(ValueError, match="without: expected objects among player0, .*got 'umpire'"):
+        Filmer(model, styles, SIZE, without=["umpire"])
 
 
 def test_another_style_of_one_object_changes_its_pixels_alone_before_the_enhancer(model, styles):

@@ -19,7 +19,7 @@ from tests.models.synthesis.drawn_matches import SIZE, drawn_matches, packed
 from tests.models.synthesis.toy_models import PICTURE, toy_model
 
 FRAMES = 8
-THINGS = ("player0", "player1", "ball", "court", "backplate")
+THINGS = ("player0", "player1", "ball", "court", "backplate", "net")
 
 
 @pytest.fixture(scope="module")

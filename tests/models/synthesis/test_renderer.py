@@ -99,13 +99,41 @@ def test_tennis_is_rendered_as_one_ray_one_object_and_one_sample_at_a_time_say(s
         [0.0, 20.0, 3.0],
         [-4.09, 2.0, 0.0],
         [5.0, 4.0, 9.0],
-        [0, 0, 0],
+        [1.0, 0.0, 0.6],
     ]
     rays = rays_at(targets, frames, [0.6, -9.0, 2.2])
     shares = agree(rays, fields, grids, states, drawn(2, len(fields.scene.objects), 3, seed=3))
     assert ((shares > 0.05) & (shares < 0.95)).sum() > 10 and (shares[:4, 2] > 0.01).any()
     assert (shares[:, 0] > 0.1).any() and (shares[:, 1] > 0.1).any()
+    assert ((shares[:, 5] > 0.1) & (shares[:, 3:5].sum(axis=1) > 0.1)).any()  # the net, and what is behind it
     assert (((shares[:, :2] > 0.02).sum(axis=1)) == 2).any()
+
+
+def test_a_net_hides_what_is_behind_it_as_far_as_its_style_says_and_nothing_before_it() -> None:
+    fields, grids = fields_of("tennis", "grid")
+    names = [thing.name for thing in fields.scene.objects]
+    net, ball, court = (names.index(name) for name in ("net", "ball", "court"))
+    styles = drawn(1, len(names), 3)
+    targets = np.array([[0.5, 4.0, 0.0], [1.5, 4.0, 0.0]])
+    rays = rays_at(targets, np.zeros(2, dtype=int), [1.0, -9.0, 2.0])
+    last = fields.stylist("net").second
+    with torch.no_grad():
+        last.gain[-1] = 0.0
+        fields.stylist("net").shift.weight[-1] = 0.0
+    for hides in (0.0, 0.3, 1.0):
+        with torch.no_grad():
+            last.bias[-1] = torch.logit(torch.tensor(hides, dtype=torch.float64), eps=1e-30)
+        for depth, behind in ((-2.0, False), (2.0, True)):
+            share = (depth + 9.0) / 13.0  # of the way to the first target
+            at = torch.tensor([[1.0 - 0.5 * share, depth, 2.0 - 2.0 * share]], dtype=torch.float32)
+            states = States(poses={}, balls=Balls(position=at, path=torch.zeros(1, 3), radius=0.2))
+            seen = render(rays, fields, grids, states, Wardrobe(fields, grids, styles))
+            expected = np.zeros((2, len(names)))
+            expected[0, [net, ball]] = (hides, 1 - hides) if behind else (0.0, 1.0)
+            expected[1, [net, court]] = (hides, 1 - hides)
+            np.testing.assert_allclose(seen.shares.numpy(), expected, atol=1e-5)
+            reached = rays.at(seen.depth).numpy()[1]
+            np.testing.assert_allclose(reached[1], 4.0 * (1 - hides), atol=1e-3)  # the mean of net and court
 
 
 def test_blocks_are_rendered_as_one_ray_one_object_and_one_sample_at_a_time_say() -> None:

@@ -7,8 +7,9 @@ import torch
 from pgm_cli.train import main
 
 from pgm_models.checkpoint import CHECKPOINT_NAME
+from pgm_models.model_file import MODEL_NAME
 from pgm_models.synthesis.frames import read_frames
-from pgm_models.synthesis.model import MODEL_NAME, load_model
+from pgm_models.synthesis.model import load_model
 from pgm_models.synthesis.run import SynthesisRunOptions, train_synthesis
 from pgm_models.synthesis.studio import Studio
 from pgm_models.train import LOG_NAME

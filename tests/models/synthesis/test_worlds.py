@@ -9,7 +9,7 @@ from torch.nn import functional
 from pgm_data.geometry.camera import Camera
 from pgm_data.scene import SceneObject, load_scene
 from pgm_models.synthesis.bodies import DENSITY_SCALE, density_of
-from pgm_models.synthesis.grids import mixed
+from pgm_models.synthesis.grids import fetched, mixed
 from pgm_models.synthesis.rays import Rays, camera_rays, joined_rays, picture_pixels
 from pgm_models.synthesis.samples import summed, weights_of
 from pgm_models.synthesis.worlds import (
@@ -83,6 +83,20 @@ def test_a_world_has_no_more_cells_than_its_scene_asks_for() -> None:
     assert world_cells(WORLD, 1000) == (128, 128, 80)
     assert world_cells(replace(WORLD, grid=(40, 20, 6)), 64) == (40, 20, 6)
     assert world_cells(box((0, 0, 0), (4, 2, 0)), 9) == (9, 5, 1)
+
+
+def test_a_world_may_be_grown_in_fewer_cells_than_it_holds() -> None:
+    made = StaticVolume(WORLD, 4, voxels=13, width=4, seed=0, grown=5)
+    assert made.size == (13, 13, 9) and made.grown.size == (5, 5, 3) and made.own.shape == (13 * 13 * 9, 5)
+    own = 0.01 * torch.randn(made.own.shape, generator=torch.Generator().manual_seed(0))
+    with torch.no_grad():
+        made.own.copy_(own)
+        grids, coarse = made.grids(), made.grown()
+    cells = torch.cartesian_prod(*[torch.linspace(0, 1, count) for count in made.size])
+    expected = fetched(coarse, cells, made.grown.size) + OWN * own
+    torch.testing.assert_close(torch.cat([grids.density, grids.values], dim=1), expected, atol=1e-5, rtol=0)
+    alone = StaticVolume(WORLD, 4, voxels=5, width=4, seed=0, grown=9)
+    assert alone.size == alone.grown.size == (5, 5, 3)
 
 
 def test_worlds_that_say_no_box_or_no_cells_are_refused() -> None:

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import torch
 
-from pgm_models.synthesis.model import MODEL_NAME, ModelOptions, SynthesisModel, save_model
+from pgm_models.model_file import MODEL_NAME
+from pgm_models.synthesis.model import ModelOptions, SynthesisModel, save_model
 from pgm_models.synthesis.presets import EnhancerOptions, FieldOptions, StyleOptions
 
 PICTURE = (64, 36)
