@@ -26,6 +26,8 @@ from pgm_models.synthesis.picture_shelf import PictureShelf
 from pgm_models.train import Batch
 from tests.models.synthesis.drawn_matches import FRAMES, LATER, SIZE, colours, drawn_matches
 
+TENNIS_OBJECTS = len(load_scene("tennis").objects)
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -136,10 +138,10 @@ def test_styles_are_swapped_where_both_frames_see_the_same_person(store: FrameSt
     assert ((wears == own) | (wears == other)).all()
     swapped = (wears == other).float()
     assert torch.equal(swapped[::2], swapped[1::2]), "both frames of a pair or none"
-    assert swapped.shape == (160, 5) and (swapped.mean(dim=0) - 0.5).abs().max() < 0.2
+    assert swapped.shape == (160, TENNIS_OBJECTS) and (swapped.mean(dim=0) - 0.5).abs().max() < 0.2
     for swap, expected in ((0.0, own), (1.0, other)):
         always = PatchSource(store, PatchOptions(patch=8, pairs=9, swap=swap)).batch(0).tensors["wears"]
-        assert torch.equal(always, expected[:18].expand(18, 5))
+        assert torch.equal(always, expected[:18].expand(18, TENNIS_OBJECTS))
 
 
 def test_styles_stay_where_people_change_or_are_not_seen(store: FrameStore) -> None:
