@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Literal
 
 import tyro
 
-from .console import Progress, UsageError, option_error, print_error, table_text
+from .console import Progress, UsageError, check_ranges, option_error, print_error, table_text
+from .models import loaded
 from .output import prepare_output
 
 if TYPE_CHECKING:
@@ -78,7 +79,10 @@ def main(argv: list[str]) -> int:
 
     if command.threads:
         torch.set_num_threads(command.threads)
-    model, digest = _model(command)
+    from pgm_models.animation.model import load_model
+
+    model = loaded(load_model, command.run, "cpu" if command.onnx else command.device)
+    digest = _digest(model)
     scene = _scene(command, model)
     return _animate(command, model, scene, _work(command, model, digest))
 
@@ -87,7 +91,7 @@ def _check(command: AnimateCommand) -> None:
     """Refuse options that cannot be, before anything is loaded."""
     if not command.prompt:
         raise option_error("--prompt", expected="at least one prompt file", got="none")
-    for name, value, low, high in (
+    check_ranges(
         ("--plays", command.plays, 1, 10_000),
         ("--seed", command.seed or 0, 0, 2**63 - 10_001),
         ("--steps", command.steps, 1, 100_000),
@@ -96,9 +100,7 @@ def _check(command: AnimateCommand) -> None:
         ("--threads", command.threads, 0, 1024),
         ("--keep", 1 if command.keep is None else command.keep, 1, 10_000),
         ("--keyframe-hz", 1.0 if command.keyframe_hz is None else command.keyframe_hz, 1e-6, 1e6),
-    ):
-        if not low <= value <= high:
-            raise option_error(name, expected=f"{low:g} to {high:g}", got=value)
+    )
     if command.onnx:
         if command.device not in ("auto", "cpu"):
             raise option_error("--onnx", expected="--device cpu, where onnxruntime runs", got=command.device)
@@ -112,22 +114,6 @@ def _check(command: AnimateCommand) -> None:
             camera_of_file(command.camera, 1)
         except ValueError as error:
             raise UsageError(f"--camera: {error}") from error
-
-
-def _model(command: AnimateCommand) -> "tuple[AnimationModel, str]":
-    """The model on its device, and the digest of its file."""
-    from pgm_models.animation.model import load_model
-    from pgm_models.processes import device_of
-
-    try:
-        device = device_of("cpu" if command.onnx else command.device)
-    except ValueError as error:
-        raise UsageError(f"--{error}") from error
-    try:
-        model = load_model(command.run, device)
-    except ValueError as error:
-        raise UsageError(f"RUN: {error}") from error
-    return model, _digest(model)
 
 
 def _digest(model: "AnimationModel") -> str:

@@ -17,6 +17,21 @@ def option_error(option: str, *, expected: str, got: object) -> UsageError:
     return UsageError(f"{option}: expected {expected}, got {got}")
 
 
+def check_ranges(*ranges: tuple[str, float, float, float]) -> None:
+    """Refuse numbers out of range: of each option its name, its value, and the least and the most it may be.
+
+    Raises:
+        UsageError: If one is; names it.
+    """
+    for name, value, low, high in ranges:
+        if not low <= value <= high:
+            raise option_error(name, expected=f"{_plain(low)} to {_plain(high)}", got=value)
+
+
+def _plain(number: float) -> str:
+    return f"{number:g}" if isinstance(number, float) else str(number)
+
+
 def print_error(message: str) -> None:
     """Write one line of trouble to standard error."""
     print(f"error: {message}", file=sys.stderr, flush=True)

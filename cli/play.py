@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from .console import UsageError, option_error
+from .console import UsageError, check_ranges, option_error
+from .models import loaded
 
 if TYPE_CHECKING:
     from pgm_data.scene import Scene
@@ -64,7 +65,9 @@ def main(argv: list[str], load_renderer: "LoadRenderer | None" = None) -> int:
 
     if command.threads:
         torch.set_num_threads(command.threads)
-    model = _model(command)
+    from pgm_models.animation.model import load_model
+
+    model = loaded(load_model, command.run_anim, command.device, place="RUN_ANIM")
     scene = _scene(command, model)
     renderer = None
     if command.run_syn is not None:
@@ -76,29 +79,13 @@ def main(argv: list[str], load_renderer: "LoadRenderer | None" = None) -> int:
 
 def _check(command: PlayCommand) -> None:
     """Refuse options that cannot be, before anything is loaded."""
-    for name, value, low, high in (
+    check_ranges(
         ("--steps", command.steps, 1, 1000),
         ("--guidance", command.guidance, -100.0, 100.0),
         ("--threads", command.threads, 0, 1024),
         ("--port", command.port, 0, 65535),
         ("--seconds", command.seconds, 0.0, 1e9),
-    ):
-        if not low <= value <= high:
-            raise option_error(name, expected=f"{low:g} to {high:g}", got=value)
-
-
-def _model(command: PlayCommand) -> "AnimationModel":
-    from pgm_models.animation.model import load_model
-    from pgm_models.processes import device_of
-
-    try:
-        device = device_of(command.device)
-    except ValueError as error:
-        raise UsageError(f"--{error}") from error
-    try:
-        return load_model(command.run_anim, device)
-    except ValueError as error:
-        raise UsageError(f"RUN_ANIM: {error}") from error
+    )
 
 
 def _scene(command: PlayCommand, model: "AnimationModel") -> "Scene":

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from .console import Progress, UsageError, option_error
+from .console import Progress, UsageError, check_ranges, option_error
+from .models import loaded
 from .output import prepare_output
 
 if TYPE_CHECKING:
@@ -97,7 +98,9 @@ def main(argv: list[str]) -> int:
 
     if command.threads:
         torch.set_num_threads(command.threads)
-    model = _model(command)
+    from pgm_models.synthesis.model import load_model
+
+    model = loaded(load_model, command.run, command.device)
     source = _source(command, model)
     clip = _clip(command, model, source, size)
     return _render(command, model, source, clip)
@@ -109,7 +112,7 @@ def _check(command: RenderCommand) -> tuple[int, int] | None:
         raise option_error("--out", expected=f"a file ending in {', '.join(SUFFIXES)}", got=command.out)
     if command.out.is_dir():
         raise option_error("--out", expected="a video file", got=f"the folder {command.out}")
-    for name, value, low, high in (
+    check_ranges(
         ("--fps", command.fps or 1.0, 0.01, 1000.0),
         ("--crf", command.crf, 0, 51),
         ("--turn-deg-s", command.turn_deg_s, -3600.0, 3600.0),
@@ -117,9 +120,7 @@ def _check(command: RenderCommand) -> tuple[int, int] | None:
         ("--elevation-deg", command.elevation_deg, -89.0, 89.0),
         ("--dolly-s", command.dolly_s, 0.01, 1e6),
         ("--threads", command.threads, 0, 1024),
-    ):
-        if not low <= value <= high:
-            raise option_error(name, expected=f"{low:g} to {high:g}", got=value)
+    )
     cameras = [
         option
         for option, given in (("--camera", command.camera), ("--orbit", command.orbit), ("--dolly", command.dolly))
@@ -134,20 +135,6 @@ def _check(command: RenderCommand) -> tuple[int, int] | None:
         expected = f"WxH, such as 1024x576, of at most {MOST_PIXELS} pixels"
         raise option_error("--resolution", expected=expected, got=command.resolution)
     return int(found[1]), int(found[2])
-
-
-def _model(command: RenderCommand) -> "SynthesisModel":
-    from pgm_models.processes import device_of
-    from pgm_models.synthesis.model import load_model
-
-    try:
-        device = device_of(command.device)
-    except ValueError as error:
-        raise UsageError(f"--{error}") from error
-    try:
-        return load_model(command.run, device)
-    except ValueError as error:
-        raise UsageError(f"RUN: {error}") from error
 
 
 def _source(command: RenderCommand, model: "SynthesisModel") -> "RenderSource":

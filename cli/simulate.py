@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from .console import Progress, UsageError, option_error, print_error
+from .console import Progress, UsageError, check_ranges, option_error, print_error
 
 if TYPE_CHECKING:
     from pgm_data.scene import Scene
@@ -113,16 +113,14 @@ def _work(options: SimulateOptions) -> "SimulateWork":
         raise option_error("--matches, --mix", expected="no negative number", got=f"{options.matches}, {options.mix}")
     if (options.matches > 0) == (options.mix > 0):
         raise option_error("--matches, --mix", expected="one of them above 0", got=f"{options.matches}, {options.mix}")
-    for name, value, low, high in (
+    check_ranges(
         ("--matches", options.matches, 0, 1000),
         ("--mix", options.mix, 0, 10_000_000),
         ("--fps", 25.0 if options.fps is None else options.fps, 1.0, 240.0),
         ("--seed", options.seed, 0, 2**63 - 1),
         ("--jobs", options.jobs, 0, 1024),
         ("--worlds", options.worlds, 0, 1000),
-    ):
-        if not low <= value <= high:
-            raise option_error(name, expected=f"{low:g} to {high:g}", got=value)
+    )
     scene = _scene(options.scene)
     mix = _mix(options, scene) if options.mix else None
     return SimulateWork(

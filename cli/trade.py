@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from .console import option_error, print_error
+from .console import check_ranges, option_error, print_error
 from .output import OutputFolder, prepare_output
 from .simulate import picture_size
 from .trade_animation import trade_animation
@@ -103,15 +103,13 @@ class SimulateTrade:
 
 def _simulate(options: Annotated[SimulateTrade, tyro.conf.arg(name="")]) -> int:
     """What simulated scenes are like: physics, captions, time and memory, and shots against real ones."""
-    for name, value, low, high in (
+    check_ranges(
         ("--plays", options.plays, 1, 1_000_000),
         ("--bodies", options.bodies, 0, options.plays),
         ("--minutes", options.minutes, 0.01, 600.0),
         ("--seconds", options.seconds, 0.1, 3600.0),
         ("--seed", options.seed, 0, 2**31),
-    ):
-        if not low <= value <= high:
-            raise option_error(name, expected=f"{low} to {high}", got=value)
+    )
     if options.real is not None and not (options.real / "ball").is_dir():
         raise option_error("--real", expected="a folder with ball/ in it", got=options.real)
     from datetime import UTC, datetime
@@ -155,15 +153,13 @@ def _calibrate(options: Annotated[CalibrateTrade, tyro.conf.arg(name="")]) -> in
 
 
 def _check(options: CalibrateTrade) -> None:
-    for name, value, low, high in (
+    check_ranges(
         ("--clips", options.clips, 0, 100_000),
         ("--frames", options.frames, 5, 100_000),
         ("--negatives", options.negatives, 0, 1_000_000),
         ("--seed", options.seed, 0, 2**31),
         ("--workers", options.workers, 1, 1024),
-    ):
-        if not low <= value <= high:
-            raise option_error(name, expected=f"{low} to {high}", got=value)
+    )
     if not options.quality or len(set(options.quality)) < len(options.quality):
         raise option_error("--quality", expected="presets, each once", got=" ".join(options.quality) or "none")
     for name, path in (("DATA", options.data), ("--real", options.real)):

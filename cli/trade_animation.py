@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 import tyro
 
-from .console import option_error
-from .trade_jobs import carried_out
+from .console import check_ranges, option_error
+from .trade_jobs import carried_out, check_chosen, check_packed, check_parts, threads_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +65,7 @@ class AnimationTrade:
 
 def trade_animation(options: Annotated[AnimationTrade, tyro.conf.arg(name="")]) -> int:
     """Quality of the animation model by design, masks, share of the data and sampler, all trained at one budget."""
-    for name, value, low, high in (
+    check_ranges(
         ("--seeds", options.seeds, 1, 100),
         ("--steps", options.steps, 0, 10**9),
         ("--rate", options.rate, 0.1, 1000.0),
@@ -74,27 +74,19 @@ def trade_animation(options: Annotated[AnimationTrade, tyro.conf.arg(name="")]) 
         ("--most-steps", options.most_steps, 1, 1000),
         ("--jobs", options.jobs, 1, 1024),
         ("--threads", options.threads, 0, 1024),
-    ):
-        if not low <= value <= high:
-            raise option_error(name, expected=f"{low} to {high}", got=value)
+    )
     if not 0 < options.rates[0] <= options.rates[1]:
         raise option_error("--rates", expected="two numbers above 0, the lower one first", got=options.rates)
-    if not options.parts or len(set(options.parts)) < len(options.parts):
-        raise option_error("--parts", expected="parts, each once", got=" ".join(options.parts) or "none")
-    for name, path in (("DATASET", options.dataset), ("--test", options.test)):
-        if not (path / "meta" / "info.json").is_file():
-            raise option_error(name, expected="a packed dataset, with meta/info.json", got=path)
+    check_parts(options.parts)
+    check_packed("DATASET", options.dataset)
+    check_packed("--test", options.test)
     if options.run is not None and not options.run.exists():
         raise option_error("--run", expected="a run of pgm-train animation", got=options.run)
-    from pgm_data.stages.supervise import usable_cores
     from pgm_models.animation.presets import DESIGNS
     from pgm_models.animation.trade import AnimationTradeOptions, run_animation_trade
     from pgm_models.animation.trade_runs import RunManner
 
-    if not options.designs or not set(options.designs) <= set(DESIGNS):
-        raise option_error(
-            "--designs", expected=f"some of {', '.join(DESIGNS)}", got=" ".join(options.designs) or "none"
-        )
+    check_chosen("--designs", options.designs, tuple(DESIGNS))
     manner = RunManner(
         dataset=options.dataset,
         test=options.test,
@@ -106,7 +98,7 @@ def trade_animation(options: Annotated[AnimationTrade, tyro.conf.arg(name="")]) 
         rate=options.rate,
         device=options.device,
         precision=options.precision,
-        threads=options.threads or max(1, usable_cores() // options.jobs),
+        threads=threads_of(options.threads, options.jobs),
         given=options.run,
     )
     return carried_out(

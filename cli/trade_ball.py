@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from .console import option_error
+from .console import check_ranges, option_error
 from .output import OutputFolder
 from .trade_jobs import carried_out
 
@@ -74,15 +74,13 @@ def trade_ball3d(options: Annotated[BallTrade, tyro.conf.arg(name="")]) -> int:
 
 
 def _check(options: BallTrade) -> None:
-    for name, value, low, high in (
+    check_ranges(
         ("--shots", options.shots, 0, 100_000),
         ("--rallies", options.rallies, 0, 100_000),
         ("--sweeps", options.sweeps, 0, 10_000),
         ("--seed", options.seed, 0, 2**31),
         ("--workers", options.workers, 1, 1024),
-    ):
-        if not low <= value <= high:
-            raise option_error(name, expected=f"{low} to {high}", got=value)
+    )
     for name, chosen in (("--method", options.method), ("--quality", options.quality), ("--kind", options.kind)):
         if not chosen or len(set(chosen)) < len(chosen):
             raise option_error(name, expected="some, each once", got=" ".join(chosen) or "none")

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from .clip_command import ONE_THREAD
-from .console import Progress, print_error
+from .console import Progress, option_error, print_error
 from .output import OutputFolder, prepare_output
 
 if TYPE_CHECKING:
@@ -52,6 +52,43 @@ class TradeOutcome(Protocol):
     def scored(self) -> int:
         """Rows of figures."""
         ...
+
+
+def check_chosen(option: str, chosen: Sequence[str], known: Sequence[str]) -> None:
+    """Refuse names that are not known, or none.
+
+    Raises:
+        UsageError: If there are such.
+    """
+    if not chosen or not set(chosen) <= set(known):
+        raise option_error(option, expected=f"some of {', '.join(known)}", got=" ".join(chosen) or "none")
+
+
+def check_parts(parts: Sequence[str]) -> None:
+    """Refuse parts that are asked for twice, or none.
+
+    Raises:
+        UsageError: If it is so.
+    """
+    if not parts or len(set(parts)) < len(parts):
+        raise option_error("--parts", expected="parts, each once", got=" ".join(parts) or "none")
+
+
+def check_packed(option: str, dataset: Path | None) -> None:
+    """Refuse what is no packed dataset, where one is given.
+
+    Raises:
+        UsageError: If it is none.
+    """
+    if dataset is not None and not (dataset / "meta" / "info.json").is_file():
+        raise option_error(option, expected="a packed dataset, with meta/info.json", got=dataset)
+
+
+def threads_of(threads: int, jobs: int) -> int:
+    """CPU threads of each job: the usable cores shared out where none are given."""
+    from pgm_data.stages.supervise import usable_cores
+
+    return threads or max(1, usable_cores() // jobs)
 
 
 class JobProgress:

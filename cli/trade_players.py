@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from .console import option_error
+from .console import check_ranges, option_error
 from .trade_jobs import carried_out
 
 
@@ -44,15 +44,13 @@ class PlayersTrade:
 
 def trade_players(options: Annotated[PlayersTrade, tyro.conf.arg(name="")]) -> int:
     """Error, coverage and time of every preset of pgm players, where the truth is known, and on real clips."""
-    for name, value, low, high in (
+    check_ranges(
         ("--plays", options.plays, 0, 100_000),
         ("--frames", options.frames, 5, 100_000),
         ("--noise", options.noise, 0.0, 100.0),
         ("--seed", options.seed, 0, 2**31),
         ("--workers", options.workers, 1, 1024),
-    ):
-        if not low <= value <= high:
-            raise option_error(name, expected=f"{low} to {high}", got=value)
+    )
     if not options.quality or len(set(options.quality)) < len(options.quality):
         raise option_error("--quality", expected="presets, each once", got=" ".join(options.quality) or "none")
     for name, path in (("DATA", options.data), ("--real", options.real)):

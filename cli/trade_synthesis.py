@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 import tyro
 
-from .console import option_error
-from .trade_jobs import carried_out
+from .console import check_ranges, option_error
+from .trade_jobs import carried_out, check_chosen, check_packed, check_parts, threads_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,36 +76,28 @@ class SynthesisTrade:
 
 def trade_synthesis(options: Annotated[SynthesisTrade, tyro.conf.arg(name="")]) -> int:
     """Likeness and speed of the synthesis model by design, samples, voxels, enhancer, stylising and resolution."""
-    for name, value, low, high in (
+    check_ranges(
         ("--seeds", options.seeds, 1, 100),
         ("--steps", options.steps, 0, 10**9),
         ("--minutes", options.minutes, 0.0, 1e6),
         ("--frames", options.frames, 0, 10**9),
         ("--jobs", options.jobs, 1, 1024),
         ("--threads", options.threads, 0, 1024),
-    ):
-        if not low <= value <= high:
-            raise option_error(name, expected=f"{low} to {high}", got=value)
+    )
     if not 0 <= options.held_out < 1 or (options.test is None and options.held_out == 0):
         expected = "0 or more, above 0 without --test, and below 1"
         raise option_error("--held-out", expected=expected, got=options.held_out)
-    if not options.parts or len(set(options.parts)) < len(options.parts):
-        raise option_error("--parts", expected="parts, each once", got=" ".join(options.parts) or "none")
-    for name, path in (("DATASET", options.dataset), ("--test", options.test)):
-        if path is not None and not (path / "meta" / "info.json").is_file():
-            raise option_error(name, expected="a packed dataset, with meta/info.json", got=path)
+    check_parts(options.parts)
+    check_packed("DATASET", options.dataset)
+    check_packed("--test", options.test)
     for name, path in (("--truth", options.truth), ("--perceptual", options.perceptual)):
         if path is not None and not path.exists():
             raise option_error(name, expected="a path that is there", got=path)
-    from pgm_data.stages.supervise import usable_cores
     from pgm_models.synthesis.presets import SYNTHESIS_DESIGNS
     from pgm_models.synthesis.trade import SynthesisTradeOptions, run_synthesis_trade
     from pgm_models.synthesis.trade_runs import RunManner
 
-    if not options.designs or not set(options.designs) <= set(SYNTHESIS_DESIGNS):
-        raise option_error(
-            "--designs", expected=f"some of {', '.join(SYNTHESIS_DESIGNS)}", got=" ".join(options.designs) or "none"
-        )
+    check_chosen("--designs", options.designs, tuple(SYNTHESIS_DESIGNS))
     manner = RunManner(
         dataset=options.dataset,
         test=options.test,
@@ -119,7 +111,7 @@ def trade_synthesis(options: Annotated[SynthesisTrade, tyro.conf.arg(name="")]) 
         frames=options.frames,
         device=options.device,
         precision=options.precision,
-        threads=options.threads or max(1, usable_cores() // options.jobs),
+        threads=threads_of(options.threads, options.jobs),
     )
     return carried_out(
         "synthesis",

@@ -37,6 +37,16 @@ class SceneObject:
     opacity: Literal["solid", "learned"] = "solid"
     """Whether a plane hides all that is behind it, or how much it does is learned; `solid` of what is no plane."""
 
+    @property
+    def is_veil(self) -> bool:
+        """Whether it is a plane that one may see through."""
+        return self.opacity == "learned"
+
+    @property
+    def is_backdrop(self) -> bool:
+        """Whether it is a surface that nothing behind it shows through."""
+        return self.kind in ("plane", "skybox") and not self.is_veil
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Prior:

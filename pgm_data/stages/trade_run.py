@@ -31,6 +31,8 @@ class TradeManner:
     resume: bool
     timeout_s: float
     """Of one job."""
+    last_alone: bool = False
+    """Whether the jobs of the last part run one at a time."""
 
 
 def run_parts(
@@ -52,7 +54,8 @@ def run_parts(
     """
     outcomes: list[JobOutcome] = []
     table = ""
-    for jobs in parts:
+    for place, jobs in enumerate(parts):
+        alone = manner.last_alone and place == len(parts) - 1
         if not jobs:
             continue
         on_jobs(len(jobs))
@@ -60,7 +63,7 @@ def run_parts(
             outcomes += run_jobs(
                 jobs,
                 state_dir=manner.state_dir,
-                workers=manner.workers,
+                workers=1 if alone else manner.workers,
                 resume=manner.resume,
                 timeout_s=manner.timeout_s,
                 on_event=on_event,

@@ -16,6 +16,7 @@ from pgm_models.animation.evaluation_result import EvaluationResult, Measure, me
 from pgm_models.animation.physics_score import FIGURES
 from pgm_models.animation.task_scores import UNITS, PropertyName
 from pgm_models.animation.tasks import TITLES, TaskName
+from pgm_models.markdown_table import markdown_table
 
 HEADS: Mapping[PropertyName, str] = {"position": "Position", "root_angle": "Root angle", "joints": "Joints 3D"}
 JSON_NAME, CSV_NAME, TABLE_NAME = "evaluation.json", "scores.csv", "evaluation.md"
@@ -67,7 +68,7 @@ def main_table(results: Mapping[str, Sequence[EvaluationResult]]) -> str:
             rows.append([title, model, *_cells(found, task, ("l2", "frechet", "excess"))])
         real = [_average(every, task, name, "floor") for name in get_args(PropertyName)]
         rows.append([title, "real", *(cell for value in real for cell in ("", value, ""))])
-    return _table(header, rows)
+    return markdown_table(header, rows)
 
 
 def several_table(results: Mapping[str, Sequence[EvaluationResult]]) -> str:
@@ -81,7 +82,7 @@ def several_table(results: Mapping[str, Sequence[EvaluationResult]]) -> str:
         for task in (*_tasks(every), None)
         for model, found in results.items()
     ]
-    return _table(header, rows)
+    return markdown_table(header, rows)
 
 
 def mmd_table(results: Mapping[str, Sequence[EvaluationResult]]) -> str:
@@ -93,7 +94,7 @@ def mmd_table(results: Mapping[str, Sequence[EvaluationResult]]) -> str:
             if made is not None and real is not None:
                 told = [f"{1e3 * d.value:.3f} ({1e3 * d.low:.3f} to {1e3 * d.high:.3f})" for d in (made, real)]
                 rows.append([TITLES[score.task], model, HEADS[score.property], score.object, *told])
-    return _table(["task", "model", "property", "object", "MMD^2", "real"], rows)
+    return markdown_table(["task", "model", "property", "object", "MMD^2", "real"], rows)
 
 
 def physics_table(results: Mapping[str, Sequence[EvaluationResult]]) -> str:
@@ -111,7 +112,7 @@ def physics_table(results: Mapping[str, Sequence[EvaluationResult]]) -> str:
         if score.made.count or score.real.count
     ]
     header = ["task", "model", "object", "figure", "as it is", "made", "real", "ratio", "unit", "rate [1/s]", "count"]
-    return _table(header, rows)
+    return markdown_table(header, rows)
 
 
 def scores_csv(results: Mapping[str, Sequence[EvaluationResult]]) -> str:
@@ -216,26 +217,3 @@ def _notes(results: Sequence[EvaluationResult]) -> str:
 
 def _range(values: Sequence[int]) -> str:
     return "-" if not values else str(values[0]) if len(values) == 1 else f"{values[0]} to {values[-1]}"
-
-
-def _table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """A Markdown table with aligned columns: numbers with four significant figures, a dash for NaN."""
-    cells = [[_cell(value) for value in row] for row in rows]
-    widths = [max(len(name), *(len(row[i]) for row in cells), 3) for i, name in enumerate(header)]
-    right = [
-        bool(rows) and all(isinstance(row[i], float | int) or row[i] in ("", "-") for row in rows)
-        for i in range(len(header))
-    ]
-
-    def line(texts: Sequence[str]) -> str:
-        padded = [t.rjust(w) if r else t.ljust(w) for t, w, r in zip(texts, widths, right, strict=True)]
-        return f"| {' | '.join(padded)} |"
-
-    rule = [f"{'-' * (width - 1)}{':' if at_right else '-'}" for width, at_right in zip(widths, right, strict=True)]
-    return "\n".join([line(header), f"| {' | '.join(rule)} |", *(line(row) for row in cells)])
-
-
-def _cell(value: object) -> str:
-    if isinstance(value, float):
-        return "-" if value != value else f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"
-    return str(value)

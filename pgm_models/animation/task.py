@@ -116,11 +116,11 @@ class AnimationTask(Task):
             return loss, terms
         noise = torch.randn_like(state)
         x = torch.where(given, state, noisy(state, noise, log_snr))
-        last = None
+        embedded, last = network.embedded(windows), None
         if design.self_conditioning and torch.rand(()) < SELF_CONDITIONED:
             with torch.no_grad():
-                last = network.clean(network(x, known, text_known, windows, log_snr), x, log_snr)
-        said = network(x, known, text_known, windows, log_snr, last=last)
+                last = network.clean(network(x, known, text_known, windows, log_snr, embedded), x, log_snr)
+        said = network(x, known, text_known, windows, log_snr, embedded, last)
         if said.mean is not None and said.doubt is not None:
             target, weight = (state - said.mean) / said.doubt, torch.ones_like(log_snr)
         else:

@@ -12,7 +12,7 @@ import torch
 
 from pgm_data.provenance import commit, machine, versions
 from pgm_data.stages.jobs import Job, JobEvent
-from pgm_data.stages.trade_run import TradeManner, TradeRun, run_parts, write_text
+from pgm_data.stages.trade_run import TradeRun, write_text
 from pgm_models.animation.evaluate_tables import main_table, scores_csv, several_table
 from pgm_models.animation.evaluation_result import (
     EvaluationResult,
@@ -34,10 +34,9 @@ from pgm_models.animation.trade_tables import (
     speed_table,
     task_ratio_lines,
 )
+from pgm_models.model_trade import run_model_trade, trade_manner
 
 Part = Literal["designs", "masks", "share", "steps"]
-TIMEOUT_S = 7 * 86400.0
-"""Of one job."""
 SHARES = (0.2, 0.5, 1.0)
 SEVERAL_SEEDS = ("ours", "paper", "transformer")
 """Designs that are trained with all seeds; the others with the first."""
@@ -107,32 +106,12 @@ def run_animation_trade(
         done |= {one.name for one in new}
         jobs.append([evaluation_job(one, manner) for one in new])
     jobs.append([evaluation_job(one, manner) for one in timed])
-    kept: list[dict] = []
-
-    def carried_out(parts: Sequence[Sequence[Job]], workers: int) -> TradeRun:
-        earlier = list(kept)
-
-        def write(rows: list[dict]) -> str:
-            kept[:] = [*earlier, *rows]
-            return write_figures(options, kept)
-
-        return run_parts(
-            parts,
-            manner=TradeManner(
-                state_dir=options.state_dir, workers=workers, resume=options.resume, timeout_s=TIMEOUT_S
-            ),
-            write=write,
-            on_event=on_event,
-            on_jobs=on_jobs,
-        )
-
-    runs = [carried_out(jobs[:-1], options.workers)]
-    if jobs[-1]:
-        runs.append(carried_out(jobs[-1:], 1))
-    return TradeRun(
-        table=runs[-1].table or runs[0].table,
-        failed=tuple(outcome for run in runs for outcome in run.failed),
-        scored=sum(row["kind"] == "evaluation" for row in kept),
+    return run_model_trade(
+        jobs,
+        manner=trade_manner(options.state_dir, workers=options.workers, resume=options.resume),
+        write=lambda rows: write_figures(options, rows),
+        on_event=on_event,
+        on_jobs=on_jobs,
     )
 
 

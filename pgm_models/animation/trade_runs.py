@@ -1,6 +1,5 @@
 """The jobs of a trade of the animation model: trainings, and evaluations of what they made."""
 
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,8 @@ from pgm_models.animation.filled_windows import EvaluateOptions
 from pgm_models.animation.presets import PRESETS
 from pgm_models.animation.run import AnimationRunOptions, train_animation
 from pgm_models.animation.sample import SampleOptions
+from pgm_models.model_trade import trained, training_command
+from pgm_models.train import Outcome
 
 RUNS_NAME, EVALUATIONS_NAME, CACHE_NAME = "runs", "evaluations", "cache"
 """Folders of a trade: its trainings; finished tasks of its evaluations; and what is computed once from its datasets."""
@@ -173,32 +174,16 @@ def train_model(arguments: Mapping, report: Callable[[dict], None]) -> dict:
     options = AnimationRunOptions(**paths, **values, rates=(low, high))
     total = options.steps or PRESETS[options.preset].steps
 
-    def show(line: str) -> None:
-        found = re.match(r"step (\d+)", line)
-        if found:
-            report({"progress": int(found[1]), "total": total})
+    def train(show: Callable[[str], None]) -> Outcome:
+        return train_animation(options, command=_command(arguments), show=show)
 
-    outcome = train_animation(options, command=_command(arguments), show=show)
-    if outcome.state != "done":
-        raise InterruptedError(f"interrupted after step {outcome.step} of {total}")
-    row = {
-        "kind": "training",
-        "name": arguments["name"],
-        "steps": outcome.step,
-        "seconds": outcome.elapsed_s,
-        "weights": sum(parameter.numel() for parameter in outcome.network.parameters()),
-        "device": str(next(outcome.network.parameters()).device),
-    }
-    return {"rows": [row]}
+    return trained(arguments["name"], train, total, report)
 
 
 def _command(arguments: Mapping) -> list[str]:
     """The command that trains the same model."""
-    said = ["pgm-train", "animation", arguments["dataset"], "--out", arguments["run"]]
-    for name in ("preset", "design", "masks", "share", "seed", "steps", "encoder", "device", "precision", "threads"):
-        if arguments[name] not in ("", 0) or name == "seed":
-            said += [f"--{name}", str(arguments[name])]
-    return [*said, "--rates", *map(str, arguments["rates"])]
+    names = ("preset", "design", "masks", "share", "seed", "steps", "encoder", "device", "precision", "threads")
+    return [*training_command("animation", arguments, names), "--rates", *map(str, arguments["rates"])]
 
 
 def evaluate_model(arguments: Mapping, report: Callable[[dict], None]) -> dict:

@@ -11,7 +11,6 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from pgm_data.geometry.camera import Camera
-from pgm_data.scene import SceneObject
 from pgm_models.synthesis.evaluate_dense import dense_picture, dense_samples, paper_picture
 from pgm_models.synthesis.fields import States, Wardrobe
 from pgm_models.synthesis.model import SynthesisModel
@@ -162,7 +161,7 @@ def efficiency_of(
     difference = (dense - picture.features.flatten(1).T[compared]).abs()
     own = rays[across]
     _, taken = _timed(lambda: paper_picture(own, model.fields, studio.grids, states, styles), device)
-    surfaces = [number for number, thing in enumerate(model.scene.objects) if _solid_surface(thing)]
+    surfaces = [number for number, thing in enumerate(model.scene.objects) if thing.is_backdrop]
     return Efficiency(
         size=options.size,
         place=place,
@@ -186,15 +185,11 @@ def _compared(
     model: SynthesisModel, picture: Picture, across: Int[Tensor, " rays"], most: int
 ) -> Int[Tensor, " compared"]:
     """Pixels at which pictures are compared: rows of them, and of the others some that show a volume or a veil."""
-    volumes = [number for number, thing in enumerate(model.scene.objects) if not _solid_surface(thing)]
+    volumes = [number for number, thing in enumerate(model.scene.objects) if not thing.is_backdrop]
     holds = torch.nonzero(picture.shares[volumes].sum(dim=0).flatten() > 0)[:, 0]
     if len(holds) > most:
         holds = holds[torch.linspace(0, len(holds) - 1, most, device=holds.device).long()]
     return torch.unique(torch.cat([across, holds]))
-
-
-def _solid_surface(thing: SceneObject) -> bool:
-    return thing.kind in ("plane", "skybox") and thing.opacity == "solid"
 
 
 def camera_at(camera: Camera, factor: Float[np.ndarray, " 2"]) -> Camera:

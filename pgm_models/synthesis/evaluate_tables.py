@@ -5,11 +5,11 @@ Tables are Markdown whose columns are also aligned, so that they read as text.
 
 import csv
 import io
-import math
 from collections.abc import Sequence
 from pathlib import Path
 
 from pgm_data.dataset.files import whole_file
+from pgm_models.markdown_table import markdown_table
 from pgm_models.metrics import FrechetScore
 from pgm_models.synthesis.evaluate_efficiency import Taken
 from pgm_models.synthesis.evaluate_result import (
@@ -55,7 +55,7 @@ def likeness_table(result: SynthesisEvaluation) -> str:
         + [each.psnr, each.lowest_psnr, each.ssim, each.ms_ssim, each.lpips]
         for each in likenesses(result)
     ]
-    return table(header, rows)
+    return markdown_table(header, rows)
 
 
 def finding_table(result: SynthesisEvaluation) -> str:
@@ -71,7 +71,7 @@ def finding_table(result: SynthesisEvaluation) -> str:
             [each.object, each.pictures, ", ".join(score.names), score.add_px, score.add_of_diagonal, 100 * score.mdr]
             + [score.matched, score.valid, score.radius_px, 100 * each.near]
         )
-    return table(header, rows)
+    return markdown_table(header, rows)
 
 
 def _settings(result: SynthesisEvaluation) -> str:
@@ -109,7 +109,7 @@ def _steadiness(result: SynthesisEvaluation) -> str:
         ["flicker where nothing moves [of 255]", 255 * means["flicker final frame"], 255 * means["flicker real frame"]],
         ["pixels where nothing moves [%]", "", 100 * means["still real frame"]],
     ]
-    return table(["steadiness", "made", "real"], rows)
+    return markdown_table(["steadiness", "made", "real"], rows)
 
 
 def _frechet(result: SynthesisEvaluation) -> str:
@@ -120,7 +120,7 @@ def _frechet(result: SynthesisEvaluation) -> str:
             rows.append([name, score.distance, score.excess, score.rows, told])
         else:
             rows.append([name, "n/a", "", "", score.removeprefix("n/a ").strip("()")])
-    return table(["distance", "value", "for ever more pictures", "N", "note"], rows)
+    return markdown_table(["distance", "value", "for ever more pictures", "N", "note"], rows)
 
 
 def _novel(result: SynthesisEvaluation) -> str:
@@ -137,7 +137,7 @@ def _novel(result: SynthesisEvaluation) -> str:
         f"{max(metres):.1f} m and turned by {min(degrees):g} to {max(degrees):g} degrees, against the simulator's own "
         "pictures from there; seen views against its pictures as well."
     )
-    return table(["novel views", "seen PSNR [dB]", "novel PSNR [dB]", "lost [dB]"], rows) + "\n\n" + note
+    return markdown_table(["novel views", "seen PSNR [dB]", "novel PSNR [dB]", "lost [dB]"], rows) + "\n\n" + note
 
 
 def _efficiency(result: SynthesisEvaluation) -> str:
@@ -166,7 +166,7 @@ def _efficiency(result: SynthesisEvaluation) -> str:
         f"On {first.device}, {first.threads} threads. The dense layout, the paper's, samples every object on every ray "
         f"and dresses each sample by the network; timed at {first.timed_rays} rays of the picture, for all of them."
     )
-    return table(header, [[name, *values] for name, values in lines]) + "\n\n" + note
+    return markdown_table(header, [[name, *values] for name, values in lines]) + "\n\n" + note
 
 
 def _times(name: str, times: Sequence[Taken]) -> list[tuple[str, list[float]]]:
@@ -224,27 +224,3 @@ def write_synthesis_evaluation(folder: Path, result: SynthesisEvaluation) -> Non
     for name, text in texts.items():
         with whole_file(folder / name) as temporary:
             temporary.write_text(text, encoding="utf-8")
-
-
-def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """A Markdown table with aligned columns: numbers with four significant figures, a dash for NaN."""
-    cells = [[_cell(value) for value in row] for row in rows]
-    widths = [max(len(name), *(len(row[i]) for row in cells), 3) for i, name in enumerate(header)]
-    right = [
-        bool(rows) and all(isinstance(row[i], float | int) or row[i] == "" for row in rows) for i in range(len(header))
-    ]
-
-    def line(texts: Sequence[str]) -> str:
-        padded = [t.rjust(w) if r else t.ljust(w) for t, w, r in zip(texts, widths, right, strict=True)]
-        return f"| {' | '.join(padded)} |"
-
-    rule = [f"{'-' * (width - 1)}{':' if at_right else '-'}" for width, at_right in zip(widths, right, strict=True)]
-    return "\n".join([line(header), f"| {' | '.join(rule)} |", *(line(row) for row in cells)])
-
-
-def _cell(value: object) -> str:
-    if isinstance(value, float):
-        if math.isnan(value):
-            return "-"
-        return f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"
-    return str(value)

@@ -120,15 +120,13 @@ class Fields(nn.Module):
                 self.skies[key] = Sky((size[0], size[1]), inputs, width=options.width, seed=seed, design=self.design)
         if key not in self.stylists:
             # Of a veil also how much it hides, last: nets of different matches are of different make.
-            self.stylists[key] = Stylist(inputs, options.style, options.features + (thing.opacity == "learned"))
+            self.stylists[key] = Stylist(inputs, options.style, options.features + thing.is_veil)
         self.key_of[thing.name] = key
 
     @property
     def veils(self) -> frozenset[str]:
         """Planes that one sees through."""
-        return frozenset(
-            thing.name for thing in self.scene.objects if thing.opacity == "learned" and thing.name in self.planes
-        )
+        return frozenset(thing.name for thing in self.scene.objects if thing.is_veil and thing.name in self.planes)
 
     def surface(self, name: str) -> Plane | Sky:
         """The field of a surface, by its object."""

@@ -222,7 +222,7 @@ def frame_arrays(
     path = np.where(np.isfinite(position), path, 0.0)
     boxes = []
     for thing in scene.objects:
-        if thing.kind in ("plane", "skybox") and thing.opacity == "solid":
+        if thing.is_backdrop:
             boxes.append(np.broadcast_to(whole_picture(size), (len(kept), 4)))
             continue
         low, high = _world_boxes(thing, scene, (rotations, translations), (position, path))

@@ -77,9 +77,8 @@ def background(rays: Rays, fields: Fields, wardrobe: Wardrobe) -> Background:
     depth = torch.full_like(rays.direction[:, 0], torch.inf)
     thing = torch.full_like(rays.frame, -1)
     met: dict[int, Met] = {}
-    veils = fields.veils
     for number, each in enumerate(fields.scene.objects):
-        if (each.name in fields.planes and each.name not in veils) or each.name in fields.skies:
+        if (each.name in fields.planes or each.name in fields.skies) and not each.is_veil:
             with _exactly(rays):
                 met[number] = fields.surface(each.name).meet(rays)
             nearer = met[number].depth < depth
@@ -126,9 +125,10 @@ def render(
     known = known or Known()
     behind = background(rays, fields, wardrobe) if known.behind is None else known.behind
     parts: list[_Part] = []
+    veils = fields.veils
     for number, each in enumerate(fields.scene.objects):
         some = known.near.get(each.name)
-        if each.name in fields.veils:
+        if each.name in veils:
             parts.append(_veiled(number, rays, some, behind.depth, fields, wardrobe))
             continue
         with _exactly(rays):

@@ -11,16 +11,15 @@ from typing import Literal, get_args
 import torch
 
 from pgm_data.provenance import commit, machine, versions
-from pgm_data.stages.jobs import Job, JobEvent
-from pgm_data.stages.trade_run import TradeManner, TradeRun, run_parts, write_text
+from pgm_data.stages.jobs import JobEvent
+from pgm_data.stages.trade_run import TradeRun, write_text
 from pgm_models.animation.trade_plots import speed_svg
+from pgm_models.model_trade import run_model_trade, trade_manner
 from pgm_models.synthesis.presets import PRESETS, SYNTHESIS_DESIGNS, Preset, PresetChanges
 from pgm_models.synthesis.trade_runs import RunManner, Training, evaluation_job, training_job
 from pgm_models.synthesis.trade_tables import Row, figures_csv, part_curves, part_table, speed_panels
 
 Part = Literal["designs", "samples", "voxels", "enhancer", "stylising", "resolution"]
-TIMEOUT_S = 7 * 86400.0
-"""Of one job."""
 SHARES_OF_SAMPLES = (0.125, 0.25, 0.5, 1.0)
 """Of the preset's, that are compared; more than it has a scene may not allow."""
 SHARES_OF_VOXELS = (0.25, 0.5, 1.0)
@@ -76,31 +75,12 @@ def run_synthesis_trade(
     """
     models = list({model.name: model for part in trainings(options).values() for model in part.values()}.values())
     seeded = [replace(model, seed=seed) for model in models for seed in range(options.seeds)]
-    kept: list[dict] = []
-
-    def carried_out(jobs: Sequence[Job], workers: int) -> TradeRun:
-        earlier = list(kept)
-
-        def write(rows: list[dict]) -> str:
-            kept[:] = [*earlier, *rows]
-            return write_figures(options, kept)
-
-        return run_parts(
-            [jobs],
-            manner=TradeManner(
-                state_dir=options.state_dir, workers=workers, resume=options.resume, timeout_s=TIMEOUT_S
-            ),
-            write=write,
-            on_event=on_event,
-            on_jobs=on_jobs,
-        )
-
-    trained = carried_out([training_job(model, options.manner) for model in seeded], options.workers)
-    judged = carried_out([evaluation_job(model, options.manner) for model in seeded], 1)
-    return TradeRun(
-        table=judged.table or trained.table,
-        failed=(*trained.failed, *judged.failed),
-        scored=sum(row["kind"] == "evaluation" for row in kept),
+    return run_model_trade(
+        [[job(model, options.manner) for model in seeded] for job in (training_job, evaluation_job)],
+        manner=trade_manner(options.state_dir, workers=options.workers, resume=options.resume),
+        write=lambda rows: write_figures(options, rows),
+        on_event=on_event,
+        on_jobs=on_jobs,
     )
 
 

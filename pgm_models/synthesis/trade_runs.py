@@ -1,6 +1,5 @@
 """The jobs of a trade of the synthesis model: trainings, and evaluations of what they made."""
 
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -9,11 +8,13 @@ from typing import Literal
 import torch
 
 from pgm_data.stages.jobs import Job
+from pgm_models.model_trade import trained, training_command
 from pgm_models.synthesis.evaluate_result import plain, summary_to_json
 from pgm_models.synthesis.evaluate_run import SynthesisEvaluationOptions, evaluate_synthesis, open_judge
 from pgm_models.synthesis.novel_view import NovelOptions
 from pgm_models.synthesis.presets import PRESETS, PresetChanges
 from pgm_models.synthesis.run import SynthesisRunOptions, train_synthesis
+from pgm_models.train import Outcome
 
 RUNS_NAME, EVALUATIONS_NAME = "runs", "evaluations"
 """Folders of a trade: its trainings, and finished clips of its evaluations."""
@@ -145,35 +146,18 @@ def train_model(arguments: Mapping, report: Callable[[dict], None]) -> dict:
         changes=PresetChanges(**changes),
         **{name: arguments[name] for name in named},
     )
-
     total = 0 if options.minutes else options.steps or PRESETS[options.preset].steps
 
-    def show(line: str) -> None:
-        found = re.match(r"step (\d+)", line)
-        if found:
-            report({"progress": int(found[1]), "total": total} if total else {"done": int(found[1])})
+    def train(show: Callable[[str], None]) -> Outcome:
+        return train_synthesis(options, command=_command(arguments), show=show)
 
-    outcome = train_synthesis(options, command=_command(arguments), show=show)
-    if outcome.state != "done":
-        raise InterruptedError(f"interrupted after step {outcome.step}")
-    row = {
-        "kind": "training",
-        "name": arguments["name"],
-        "steps": outcome.step,
-        "seconds": outcome.elapsed_s,
-        "weights": sum(parameter.numel() for parameter in outcome.network.parameters()),
-        "device": str(next(outcome.network.parameters()).device),
-    }
-    return {"rows": [row]}
+    return trained(arguments["name"], train, total, report)
 
 
 def _command(arguments: Mapping) -> list[str]:
     """The command that trains the same model, its changes apart, which that has no options for."""
-    said = ["pgm-train", "synthesis", arguments["dataset"], "--out", arguments["run"], "--design", arguments["design"]]
-    for name in ("preset", "seed", "steps", "minutes", "held_out", "perceptual", "device", "precision", "threads"):
-        if arguments[name] not in ("", 0) or name == "seed":
-            said += [f"--{name.replace('_', '-')}", str(arguments[name])]
-    return said
+    names = ("design", "preset", "seed", "steps", "minutes", "held_out", "perceptual", "device", "precision", "threads")
+    return training_command("synthesis", arguments, names)
 
 
 def evaluate_model(arguments: Mapping, report: Callable[[dict], None]) -> dict:

@@ -288,14 +288,14 @@ class Stage:
             far = np.where(directions[..., 1] > 0, (self._world.walls[1] - centre[1]) / directions[..., 1], np.inf)
         labels = np.zeros(ground.shape, np.uint8)
         for i, thing in enumerate(self._scene.objects):
-            if thing.kind == "plane" and thing.opacity == "solid":
+            if thing.kind == "plane" and thing.is_backdrop:
                 labels[(ground < far) if thing.box_m[2] == 0.0 else (far <= ground) & np.isfinite(far)] = 1 + i
         return labels, np.minimum(ground, far).astype(np.float32)
 
     def _net_mask(self, view: View) -> tuple[np.ndarray, int, np.ndarray] | None:
         """Pixels of which the net hides half or more, its label, and how far it is; None of a scene without such."""
         court = self._scene.court
-        label = next((1 + i for i, thing in enumerate(self._scene.objects) if thing.opacity == "learned"), 0)
+        label = next((1 + i for i, thing in enumerate(self._scene.objects) if thing.is_veil), 0)
         if court is None or not len(court.net_world) or not label:
             return None
         # What is left of white after black is what shows through.

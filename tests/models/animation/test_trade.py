@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pgm_data.stages.jobs import Job, JobLog, JobOutcome
+from pgm_data.stages.jobs import Job
 from pgm_data.stages.worker import stage_function
 from pgm_models.animation import trade, training_plots
 from pgm_models.animation.evaluation_result import LEAST_SHARE, EvaluationResult, PhysicsScore, Score, result_to_json
@@ -33,6 +33,7 @@ from pgm_models.animation.trade_runs import (
 from pgm_models.animation.trade_tables import physics_table, quality, ratio_lines, task_ratio_lines
 from pgm_models.animation.training_plots import read_log, smoothed, write_loss_curves
 from pgm_models.metrics import FrechetScore
+from tests.models.jobs_at_once import jobs_at_once
 
 TASKS = ("prediction", "completion")
 
@@ -121,28 +122,15 @@ def options(tmp_path):
     return make
 
 
-def at_once(jobs, *, state_dir, workers, resume, timeout_s, on_event):
-    """In the place of the supervisor: each job in this process, through the same log."""
-    state_dir.mkdir(parents=True, exist_ok=True)
-    log = JobLog(state_dir / "jobs.jsonl")
-    before = log.outcomes() if resume else {}
-    done = []
-    for job in jobs:
-        digest, outcome = before.get(job.name, ("", None))
-        if outcome is None or digest != job.digest():
-            work = fake_training if job.stage == "animation_training" else fake_evaluation
-            found = json.loads(json.dumps(work(dict(job.arguments), on_event), allow_nan=False))
-            outcome = JobOutcome(name=job.name, state="done", reason="", seconds=1.0, result=found)
-            log.append(job, outcome)
-        done.append(outcome)
-    return done
+def faked(job, arguments):
+    return (fake_training if job.stage == "animation_training" else fake_evaluation)(arguments, None)
 
 
 @pytest.fixture
 def run(monkeypatch):
     from pgm_data.stages import trade_run
 
-    monkeypatch.setattr(trade_run, "run_jobs", at_once)
+    monkeypatch.setattr(trade_run, "run_jobs", jobs_at_once(faked))
     monkeypatch.setattr(trade, "commit", lambda: "0123")
 
     def go(options):

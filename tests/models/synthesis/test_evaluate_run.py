@@ -14,12 +14,12 @@ from pgm_cli.console import UsageError
 from pgm_data.simulate.mask_files import write_masks
 from pgm_data.simulate.shots import Masks
 from pgm_models.image_networks import MetricUnavailable
+from pgm_models.markdown_table import markdown_table
 from pgm_models.model_file import MODEL_NAME
 from pgm_models.synthesis.evaluate_about import about_run
 from pgm_models.synthesis.evaluate_choice import STRETCH, chosen_frames, stretches
 from pgm_models.synthesis.evaluate_maker import nobody, worn_in
 from pgm_models.synthesis.evaluate_networks import Networks, WordTaker
-from pgm_models.synthesis.evaluate_tables import table
 from pgm_models.synthesis.frames import FrameStore, read_frames
 from pgm_models.synthesis.model import SynthesisModel, save_model
 from pgm_models.synthesis.run import SynthesisRunOptions, train_synthesis
@@ -238,7 +238,7 @@ def test_a_model_of_another_scene_and_a_folder_of_nothing_are_refused(run, folde
 
 
 def test_tables_are_aligned_and_show_what_is_not_there():
-    text = table(["name", "value"], [["a", 1.23456], ["longer", float("nan")], ["b", float("inf")]])
+    text = markdown_table(["name", "value"], [["a", 1.23456], ["longer", float("nan")], ["b", float("inf")]])
     lines = text.splitlines()
     assert len({len(line) for line in lines}) == 1
     assert lines[1].endswith(":|") or lines[1].endswith(": |")

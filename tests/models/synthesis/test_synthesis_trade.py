@@ -10,7 +10,6 @@ from xml.etree import ElementTree
 import pytest
 from pgm_cli.trade import main
 
-from pgm_data.stages.jobs import JobLog, JobOutcome
 from pgm_data.stages.worker import stage_function
 from pgm_models.synthesis import run as training_run
 from pgm_models.synthesis import trade
@@ -25,6 +24,7 @@ from pgm_models.synthesis.trade_runs import (
     training_job,
 )
 from pgm_models.synthesis.trade_tables import Row, figures_csv, part_curves, part_table, rms, speed_panels
+from tests.models.jobs_at_once import jobs_at_once
 from tests.models.synthesis.drawn_matches import drawn_matches, packed
 
 CHANGES = ("samples", "voxels", "enhancer", "stylising", "resolution")
@@ -84,24 +84,10 @@ def jobs_done(monkeypatch):
 
     done = []
 
-    def at_once(jobs, *, state_dir, workers, resume, timeout_s, on_event):
-        state_dir.mkdir(parents=True, exist_ok=True)
-        log = JobLog(state_dir / "jobs.jsonl")
-        before = log.outcomes() if resume else {}
-        outcomes = []
-        for job in jobs:
-            digest, outcome = before.get(job.name, ("", None))
-            if outcome is None or digest != job.digest():
-                done.append(job.name)
-                work = stage_function(job.stage, job.entry)
-                told = json.loads(json.dumps(dict(job.arguments)))
-                found = json.loads(json.dumps(work(told, lambda progress: None), allow_nan=False))
-                outcome = JobOutcome(name=job.name, state="done", reason="", seconds=1.0, result=found)
-                log.append(job, outcome)
-            outcomes.append(outcome)
-        return outcomes
+    def work(job, arguments):
+        return stage_function(job.stage, job.entry)(arguments, lambda progress: None)
 
-    monkeypatch.setattr(trade_run, "run_jobs", at_once)
+    monkeypatch.setattr(trade_run, "run_jobs", jobs_at_once(work, done.append))
     monkeypatch.setattr(trade, "commit", lambda: "0123")
     monkeypatch.setattr(training_run, "HELD_OUT_BATCHES", 1)
     return done
