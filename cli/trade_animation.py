@@ -57,6 +57,9 @@ class AnimationTrade:
     """Where to compute: auto, cpu, cuda or cuda:N."""
     precision: Literal["float32", "bfloat16"] = "float32"
     """Of training's inner arithmetic."""
+    known: tuple[Path, ...] = ()
+    """rows.jsonl of other trades, of this machine or another; what they have is not trained or evaluated again. They
+    must have been made of the same data in the same manner; times stay those of their machine."""
     resume: bool = False
     """Go on where an earlier run into this folder stopped; figures that it has are kept as they are."""
     overwrite: bool = False
@@ -82,6 +85,9 @@ def trade_animation(options: Annotated[AnimationTrade, tyro.conf.arg(name="")]) 
     check_packed("--test", options.test)
     if options.run is not None and not options.run.exists():
         raise option_error("--run", expected="a run of pgm-train animation", got=options.run)
+    for path in options.known:
+        if not path.is_file():
+            raise option_error("--known", expected="files as trades write them, rows.jsonl", got=path)
     from pgm_models.animation.presets import DESIGNS
     from pgm_models.animation.trade import AnimationTradeOptions, run_animation_trade
     from pgm_models.animation.trade_runs import RunManner
@@ -115,6 +121,7 @@ def trade_animation(options: Annotated[AnimationTrade, tyro.conf.arg(name="")]) 
                 few_windows=options.few_windows,
                 most_steps=options.most_steps,
                 workers=options.jobs,
+                known=options.known,
                 resume=options.resume,
             ),
             on_event=progress.tell,

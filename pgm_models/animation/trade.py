@@ -23,7 +23,7 @@ from pgm_models.animation.evaluation_result import (
 from pgm_models.animation.masks import MASKS
 from pgm_models.animation.presets import DESIGNS
 from pgm_models.animation.trade_plots import Curve, SpeedPanel, speed_svg
-from pgm_models.animation.trade_runs import Evaluation, RunManner, Training, evaluation_job, training_job
+from pgm_models.animation.trade_runs import DIGITS, Evaluation, RunManner, Training, evaluation_job, training_job
 from pgm_models.animation.trade_tables import (
     Results,
     error,
@@ -34,7 +34,7 @@ from pgm_models.animation.trade_tables import (
     speed_table,
     task_ratio_lines,
 )
-from pgm_models.model_trade import run_model_trade, trade_manner
+from pgm_models.model_trade import known_rows, run_model_trade, trade_manner
 
 Part = Literal["designs", "masks", "share", "steps"]
 SHARES = (0.2, 0.5, 1.0)
@@ -80,6 +80,8 @@ class AnimationTradeOptions:
     """Comparisons of more steps are left out."""
     workers: int = 1
     """Jobs at a time; the comparison of steps is always one at a time, as its times count."""
+    known: tuple[Path, ...] = ()
+    """`rows.jsonl` of other trades under the same conditions; what they have is not done again."""
     resume: bool = False
 
 
@@ -92,15 +94,23 @@ def run_animation_trade(
         options: What is compared.
         on_event: Told what happens to jobs.
         on_jobs: Told how many jobs there are, before each part of the run.
+
+    Raises:
+        ValueError: If a row that is to be known is none, or was made under other conditions.
     """
     manner = options.manner
-    wanted = evaluations(options)
+    known = known_rows(options.known, manner.conditions()) if options.known else []
+    done = set(results_by_name(known))
+    wanted: dict[Part, list[Evaluation]] = {
+        name: [one for one in part if one.model is None or one.name not in done]
+        for name, part in evaluations(options).items()
+    }
     models = list(dict.fromkeys(one.model for one in all_of(wanted) if one.model is not None))
     before = [part for name, part in wanted.items() if name != "steps"]
     jobs: list[Sequence[Job]] = [[training_job(model, manner) for model in models]]
     timed = wanted.get("steps", [])
     # What is also timed is left to the last part, in which nothing else runs.
-    done = {one.name for one in timed}
+    done |= {one.name for one in timed}
     for part in before:
         new = [one for one in part if one.name not in done]
         done |= {one.name for one in new}
@@ -110,6 +120,7 @@ def run_animation_trade(
         jobs,
         manner=trade_manner(options.state_dir, workers=options.workers, resume=options.resume),
         write=lambda rows: write_figures(options, rows),
+        known=known,
         on_event=on_event,
         on_jobs=on_jobs,
     )
@@ -323,11 +334,13 @@ def _made_with(made: Mapping, rows: Sequence[dict]) -> str:
     steps = " and ".join(str(steps) for steps in sorted({row["steps"] for row in trained})) or made["steps"]
     hours = sum(row["seconds"] for row in trained) / 3600
     named = ", ".join(f"{name} {used[name]}" for name in ("pgm", "python", "torch", "numpy") if name in used)
+    known = {(row["machine"], row["commit"][:DIGITS]) for row in rows if row.get("machine")}
     lines = [
         f"machine: {where['processor']}, {where['cores']} cores, load {made['load']}, {made['gpu'] or 'no GPU'}",
         f"models: preset {made['preset']}, {steps} steps, {made['seeds']} seeds of {', '.join(SEVERAL_SEEDS)}; trained "
         f"on {devices}, {len(trained)} models in {hours:.2f} hours together, {made['jobs']} at a time",
         f"windows at {made['rate']:g} frames a second; commit {made['commit'] or 'unknown'}",
         f"versions: {named}",
+        *(f"rows made on {on}, commit {of or 'unknown'}" for on, of in sorted(known)),
     ]
     return "## Made with\n\n" + "\n".join(f"- {line}" for line in lines)

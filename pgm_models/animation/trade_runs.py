@@ -14,11 +14,14 @@ from pgm_models.animation.filled_windows import EvaluateOptions
 from pgm_models.animation.presets import PRESETS
 from pgm_models.animation.run import AnimationRunOptions, train_animation
 from pgm_models.animation.sample import SampleOptions
-from pgm_models.model_trade import trained, training_command
+from pgm_models.animation.store import dataset_identity
+from pgm_models.model_trade import made_by, trained, training_command
 from pgm_models.train import Outcome
 
 RUNS_NAME, EVALUATIONS_NAME, CACHE_NAME = "runs", "evaluations", "cache"
 """Folders of a trade: its trainings; finished tasks of its evaluations; and what is computed once from its datasets."""
+DIGITS = 12
+"""Hexadecimal digits by which a dataset is told."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,6 +110,22 @@ class RunManner:
             raise ValueError("given: expected a run, got none")
         return self.given
 
+    def conditions(self) -> dict[str, str | int | float]:
+        """What figures of a model's name depend on besides the name: they are compared only where it is the same."""
+        preset = PRESETS[self.preset]
+        low, high = self.rates
+        return {
+            "preset": self.preset,
+            "training_steps": self.steps or preset.steps,
+            "encoder": self.encoder or preset.encoder,
+            "lowest_rate": low,
+            "highest_rate": high,
+            "rate": self.rate,
+            "precision": self.precision,
+            "dataset": dataset_identity(self.dataset)[:DIGITS],
+            "test": dataset_identity(self.test)[:DIGITS],
+        }
+
 
 def training_job(model: Training, manner: RunManner) -> Job:
     """The job that trains the model, or goes on with it."""
@@ -126,6 +145,7 @@ def training_job(model: Training, manner: RunManner) -> Job:
         "device": manner.device,
         "precision": manner.precision,
         "threads": manner.threads,
+        "conditions": manner.conditions(),
     }
     return Job(
         name=f"train {model.name}",
@@ -153,6 +173,7 @@ def evaluation_job(evaluation: Evaluation, manner: RunManner) -> Job:
         "rate": manner.rate,
         "device": manner.device,
         "threads": manner.threads,
+        "conditions": manner.conditions(),
     }
     return Job(
         name=f"evaluate {evaluation.name}",
@@ -169,7 +190,7 @@ def train_model(arguments: Mapping, report: Callable[[dict], None]) -> dict:
         InterruptedError: If it was asked to stop; what it had learned is kept.
     """
     paths = {name: Path(arguments[name]) for name in ("dataset", "run", "cache")}
-    values = {name: arguments[name] for name in arguments if name not in (*paths, "name", "rates")}
+    values = {name: arguments[name] for name in arguments if name not in (*paths, "name", "rates", "conditions")}
     low, high = arguments["rates"]
     options = AnimationRunOptions(**paths, **values, rates=(low, high))
     total = options.steps or PRESETS[options.preset].steps
@@ -177,7 +198,7 @@ def train_model(arguments: Mapping, report: Callable[[dict], None]) -> dict:
     def train(show: Callable[[str], None]) -> Outcome:
         return train_animation(options, command=_command(arguments), show=show)
 
-    return trained(arguments["name"], train, total, report)
+    return trained(arguments["name"], train, total, report, conditions=arguments["conditions"])
 
 
 def _command(arguments: Mapping) -> list[str]:
@@ -203,4 +224,5 @@ def evaluate_model(arguments: Mapping, report: Callable[[dict], None]) -> dict:
     )
     result = evaluate_run(options, Path(arguments["parts"]), lambda line: report({"done": line}))
     row = {name: arguments[name] for name in ("name", "sampler", "steps", "windows")}
-    return {"rows": [{"kind": "evaluation", **row, "result": result_to_json(result)}]}
+    made = made_by(arguments["conditions"])
+    return {"rows": [{"kind": "evaluation", **row, **made, "result": result_to_json(result)}]}

@@ -11,6 +11,7 @@ import pytest
 
 from pgm_data.stages.jobs import Job
 from pgm_data.stages.worker import stage_function
+from pgm_models import model_trade
 from pgm_models.animation import trade, training_plots
 from pgm_models.animation.evaluation_result import LEAST_SHARE, EvaluationResult, PhysicsScore, Score, result_to_json
 from pgm_models.animation.layout import Layout
@@ -33,6 +34,7 @@ from pgm_models.animation.trade_runs import (
 from pgm_models.animation.trade_tables import physics_table, quality, ratio_lines, task_ratio_lines
 from pgm_models.animation.training_plots import read_log, smoothed, write_loss_curves
 from pgm_models.metrics import FrechetScore
+from pgm_models.model_trade import made_by
 from tests.models.jobs_at_once import jobs_at_once
 
 TASKS = ("prediction", "completion")
@@ -94,7 +96,7 @@ def fake_training(arguments, report):
     with (run / "trained.txt").open("a") as file:
         file.write("once\n")
     row = {"kind": "training", "name": arguments["name"], "steps": 7, "seconds": 1.0, "weights": 5, "device": "cpu"}
-    return {"rows": [row]}
+    return {"rows": [{**row, **made_by(arguments["conditions"])}]}
 
 
 def fake_evaluation(arguments, report):
@@ -105,7 +107,7 @@ def fake_evaluation(arguments, report):
     found = result(DISTANCES[design], windows=arguments["windows"], fps=100 / arguments["steps"])
     names = ("name", "sampler", "steps", "windows")
     row = {"kind": "evaluation", **{name: arguments[name] for name in names}, "result": result_to_json(found)}
-    return {"rows": [row]}
+    return {"rows": [{**row, **made_by(arguments["conditions"])}]}
 
 
 @pytest.fixture
@@ -131,7 +133,8 @@ def run(monkeypatch):
     from pgm_data.stages import trade_run
 
     monkeypatch.setattr(trade_run, "run_jobs", jobs_at_once(faked))
-    monkeypatch.setattr(trade, "commit", lambda: "0123")
+    for module in (trade, model_trade):
+        monkeypatch.setattr(module, "commit", lambda: "0123")
 
     def go(options):
         return run_animation_trade(options, on_event=lambda event: None, on_jobs=lambda count: None)
@@ -206,6 +209,47 @@ def test_without_resume_all_is_done_again(options, run):
     assert (options().manner.out / "runs" / "ours_seed0" / "trained.txt").read_text() == "once\nonce\n"
 
 
+@pytest.fixture
+def elsewhere(options, run, tmp_path):
+    """The rows of a trade of one seed into another folder."""
+    first = options(parts=("designs",), seeds=1)
+    run(replace(first, manner=replace(first.manner, out=tmp_path / "elsewhere"), state_dir=tmp_path / "state"))
+    return tmp_path / "elsewhere" / "rows.jsonl"
+
+
+def test_what_other_trades_have_is_not_done_again(options, run, elsewhere):
+    told = run(options(parts=("designs",), known=(elsewhere,)))
+    out = options().manner.out
+    assert {path.name for path in (out / "runs").iterdir()} == {"ours_seed1", "paper_seed1", "transformer_seed1"}
+    whole = run(options(parts=("designs",)))
+    assert told.table.split("## Made with")[0] == whole.table.split("## Made with")[0]
+    assert "rows made on " in told.table and "commit 0123" in told.table
+
+
+def test_a_trade_of_which_all_is_known_has_its_figures_at_once(options, run, elsewhere):
+    out = options().manner.out
+    out.mkdir()
+    told = run(options(parts=("designs",), seeds=1, known=(elsewhere,)))
+    assert not (out / "runs").exists() and told.scored == 9
+    assert sorted((out / "rows.jsonl").read_text().splitlines()) == sorted(elsewhere.read_text().splitlines())
+
+
+def test_rows_of_other_conditions_are_refused(options, run, elsewhere):
+    longer = options(parts=("designs",), known=(elsewhere,))
+    with pytest.raises(ValueError, match=r"rows.jsonl, line 1: training_steps: expected 9, got 7"):
+        run(replace(longer, manner=replace(longer.manner, steps=9)))
+    (longer.manner.dataset / "meta" / "info.json").write_text('{"pgm": {"scene": "tennis"}, "more": 1}')
+    with pytest.raises(ValueError, match=r"line 1: dataset: expected \w{12}, got \w{12}"):
+        run(longer)
+
+
+@pytest.mark.parametrize("line", ["", "{", "[]", '{"kind": "evaluation"}', '{"kind": 1, "name": "a", "conditions": 3}'])
+def test_what_is_no_row_is_refused(options, run, tmp_path, line):
+    (tmp_path / "rows.jsonl").write_text(line + "\n")
+    with pytest.raises(ValueError, match=r"rows.jsonl, line 1: expected a row of a trade"):
+        run(options(known=(tmp_path / "rows.jsonl",)))
+
+
 def test_a_part_broken_off_leaves_the_figures_it_has(options, run, monkeypatch):
     calls, whole = [], fake_evaluation
 
@@ -230,7 +274,7 @@ def test_the_jobs_name_what_carries_them_out(options):
     low = {
         name: jobs[0].arguments[name] for name in AnimationRunOptions.__dataclass_fields__ if name in jobs[0].arguments
     }
-    assert set(jobs[0].arguments) - set(low) == {"name"}
+    assert set(jobs[0].arguments) - set(low) == {"name", "conditions"}
 
 
 def test_each_evaluation_keeps_its_tasks_apart(options):
