@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
+from pgm_data.caption.court_areas import looks
 from pgm_data.lift.ball.world import BallWorld, ball_world
 from pgm_data.scene import Scene
 from pgm_models.animation.settle_breaks import (
@@ -21,7 +22,8 @@ from pgm_models.animation.settle_breaks import (
     ground_of,
     touches_net,
 )
-from pgm_models.animation.settle_flights import Air, Joined, joined_flights, states_at
+from pgm_models.animation.settle_flights import Air, Joined, Reach, joined_flights, rejoined_flights, states_at
+from pgm_models.animation.settle_reach import reached
 
 LASTING_S = 0.15
 """How long errors may last that neighbouring frames share, s."""
@@ -43,6 +45,10 @@ class SettleBallOptions:
 
     reach_m: float = 2.5
     """Of a player's root: how far off it hits the ball, metres."""
+    stroke_m: float = 1.2
+    """Level distance from a player's root within which it strikes a ball that it sends back, metres."""
+    stroke_farthest_m: float = 2.2
+    """Strokes that stay farther off than this wherever in time they are put are left where they are, metres."""
     contact_cost: float = 25.0
     """Of a contact near ground, net or a player."""
     free_cost: float = 150.0
@@ -172,7 +178,13 @@ def settled_ball(ball: BallPath, scene: Scene, options: SettleBallOptions | None
         states = _measured(begun, flights, ball, options)
     assert flights is not None
     air = Air(world=world, turn_std=turn_std, miss_m=options.miss_m, miss_errors=MOST_ERRORS)
-    found = joined_flights(_tied(states, ball), flights, known, air, options.steps)
+    tied = _tied(states, ball)
+    found = joined_flights(tied, flights, known, air, options.steps)
+    ends = looks(scene) if roots.shape[1] == len(scene.players) else np.zeros(roots.shape[1], dtype=np.int64)
+    reach = Reach(roots=roots, looks=ends, level_m=options.stroke_m, farthest_m=options.stroke_farthest_m)
+    put = reached(found, tied, known, reach, world)
+    if put.stray.any():
+        found = rejoined_flights(put.found, put.states, known, put.stray, air, reach, options.steps)
     return _read_off(found, ball, states, roots, world, options)
 
 

@@ -19,6 +19,8 @@ TIED_M = 1e-4
 """Size of error up to which flights meet at a contact, and on the ground at a bounce, metres."""
 TIED_M_S = 1e-2
 """The same of velocities, m/s."""
+REACH_M = 1e-3
+"""Size of error up to which strokes are within reach, metres."""
 ABOVE_M = 1e-3
 """The same of frames that would be below the ground, metres."""
 SAMPLES = 17
@@ -48,6 +50,35 @@ class Joined:
     tied: Bool[np.ndarray, " contacts"]
     """Whether the flights meet there; where not, more happened between two frames than one contact."""
     bounce: Bool[np.ndarray, " contacts"]
+    hitter: Int[np.ndarray, " contacts"]
+    """Player who must reach it; -1 where nobody."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Reach:
+    """Where players are, and how far from there they hit a ball."""
+
+    roots: Float[np.ndarray, "T players 3"]
+    """Metres; infinite where there is none."""
+    looks: Int[np.ndarray, " players"]
+    """Whether each looks along world +y (1) or -y (-1) at the net; 0 where it may send the ball anywhere."""
+    level_m: float
+    """Level distance from the root within which a stroke is, metres."""
+    farthest_m: float
+    """Strokes farther off than this are left where they are, metres."""
+
+    def roots_at(
+        self, seconds: Float[np.ndarray, " n"], times: Float[np.ndarray, " T"]
+    ) -> Float[np.ndarray, "n players 3"]:
+        """Roots at any times, straight between frames."""
+        after = np.searchsorted(times, seconds).clip(1, max(len(times) - 1, 1)).clip(max=len(times) - 1)
+        before = np.maximum(after - 1, 0)
+        share = (seconds - times[before]) / np.maximum(times[after] - times[before], 1e-9)
+        share = share.clip(0.0, 1.0)[:, None, None]
+        one, two = self.roots[before], self.roots[after]
+        there = np.isfinite(one) & np.isfinite(two)
+        step = np.where(there, two, 0.0) - np.where(there, one, 0.0)
+        return np.where(there, np.where(there, one, 0.0) + share * step, np.inf)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -86,11 +117,31 @@ def joined_flights(states: States, flights: Flights, given: Bool[np.ndarray, " T
         moment=0.5 * (states.times[flights.last[:-1]] + states.times[flights.first[1:]]),
         tied=np.zeros(count, dtype=bool),
         bounce=np.zeros(count, dtype=bool),
+        hitter=np.full(count, -1),
     )
-    fit = _Fit(states, flights, given, air)
+    fit = _Fit(states, found, given, air)
     for _ in range(2):
         found = fit.improved(found)
-    found = _with_contacts(found, states, air)
+    return _improved(_with_contacts(found, states, air), fit, steps)
+
+
+def rejoined_flights(
+    found: Joined,
+    states: States,
+    given: Bool[np.ndarray, " T"],
+    stray: Bool[np.ndarray, " T"],
+    air: Air,
+    reach: Reach,
+    steps: int,
+) -> Joined:
+    """Flights whose contacts were moved, fitted together again; strokes within reach of their hitters.
+
+    Frames that are `stray` belong to no flight; other arguments as of `joined_flights`.
+    """
+    return _improved(found, _Fit(states, found, given, air, reach, stray), steps)
+
+
+def _improved(found: Joined, fit: "_Fit", steps: int) -> Joined:
     for step in range(steps):
         found = fit.improved(found, within=step >= steps // 2)
     return found
@@ -157,10 +208,19 @@ def _with_contacts(found: Joined, states: States, air: Air) -> Joined:
 class _Fit:
     """Gauss-Newton steps for the flights of one path. Unknowns: nine a flight, then the moment of the contact after."""
 
-    def __init__(self, states: States, flights: Flights, given: np.ndarray, air: Air) -> None:
-        self._states, self._air, self._given = states, air, given
+    def __init__(
+        self,
+        states: States,
+        flights: Joined,
+        given: np.ndarray,
+        air: Air,
+        reach: Reach | None = None,
+        stray: np.ndarray | None = None,
+    ) -> None:
+        self._states, self._air, self._given, self._reach = states, air, given, reach
         flight = flight_of(flights.first, flights.last, len(states.times))
-        self._frames = np.flatnonzero((flight >= 0) & ~flights.held[flight])
+        inside = (flight >= 0) & ~flights.held[flight]
+        self._frames = np.flatnonzero(inside if stray is None else inside & ~stray)
         self._flight = flight[self._frames]
         self._seconds = states.times[self._frames] - states.times[flights.first[self._flight]]
         self._low = np.zeros(len(self._frames), dtype=bool)
@@ -271,6 +331,7 @@ class _Fit:
         slope = np.concatenate([p_by[bounce, 2], v[bounce, 2, None]], axis=1)
         one = np.concatenate([before, moment], axis=1)[bounce]
         yield one, (p[bounce, 2] - ground_of(p[bounce], world)) / TIED_M, slope / TIED_M
+        yield from self._of_strokes(found, tied, before, moment, one_side)
         step = 0.25 * (times[found.first[tied + 1]] - times[found.last[tied]])
         yield moment, np.zeros(len(tied)), (1.0 / step)[:, None]
         if world.restitution is None or not bounce.any():
@@ -285,3 +346,27 @@ class _Fit:
         for goal, error in goals:
             slope = np.concatenate([goal[:, None] * v_by[bounce, 2], w_by[bounce, 2]], axis=1)
             yield both, (up + goal * down) / error, slope / error[:, None]
+
+    def _of_strokes(
+        self,
+        found: Joined,
+        tied: np.ndarray,
+        before: np.ndarray,
+        moment: np.ndarray,
+        one_side: Sequence[np.ndarray],
+    ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Strokes that are out of their hitters' reach are drawn to its edge."""
+        rows = np.flatnonzero(found.hitter[tied] >= 0)
+        if self._reach is None or not len(rows):
+            return
+        p, v, p_by, _ = (part[rows] for part in one_side)
+        at = self._reach.roots_at(found.moment[tied[rows]], self._states.times)
+        off = p[:, :2] - at[np.arange(len(rows)), found.hitter[tied[rows]], :2]
+        away = np.linalg.norm(off, axis=1)
+        far = away > self._reach.level_m
+        towards = (off / np.maximum(away, 1e-9)[:, None])[far]
+        slope = np.concatenate(
+            [np.einsum("na,nak->nk", towards, p_by[far, :2]), (towards * v[far, :2]).sum(axis=1)[:, None]], axis=1
+        )
+        columns = np.concatenate([before[rows], moment[rows]], axis=1)[far]
+        yield columns, (away[far] - self._reach.level_m) / REACH_M, slope / REACH_M

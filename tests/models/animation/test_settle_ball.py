@@ -25,26 +25,37 @@ def stepped(position: np.ndarray, velocity: np.ndarray, seconds: float) -> tuple
     return position, velocity
 
 
-def rally(fps: float = 25.0, seconds: float = 2.4) -> tuple[BallPath, list[tuple[float, str]]]:
-    """A shot that bounces, is hit back near the far player, and bounces again; and when that was."""
+def rally(fps: float = 25.0, seconds: float = 2.4, early_s: float = 0.0) -> tuple[BallPath, list[tuple[float, str]]]:
+    """A shot that bounces, is hit back near the far player, and bounces again; and when that was.
+
+    The far player stands where the shot is at `HIT_S`; it is hit back that much earlier.
+    """
     h, x, v, time = 1e-3, np.array([1.0, -11.5, 1.0]), np.array([-1.5, 24.0, 4.0]), 0.0
-    states, events = [], []
+    states, events, goes_on = [], [], None
     while time < seconds:
         states.append((x, v))
-        if not any(kind == "hit" for _, kind in events) and time >= HIT_S:
+        if goes_on is None and time >= HIT_S - early_s:
             events.append((time, "hit"))
-            v = np.array([1.0, -21.0, 5.0])
-        pull = -DRAG * np.linalg.norm(v) * v - [0.0, 0.0, 9.81]
-        x, v = x + h * v + 0.5 * h * h * pull, v + h * pull
-        if x[2] < RADIUS and v[2] < 0:
+            goes_on, v = (x, v), np.array([1.0, -21.0, 5.0])
+        x, v, landed = small_step(x, v, h)
+        if landed:
             events.append((time + h, "bounce"))
-            v = v * [0.7, 0.7, -RESTITUTION]
         time += h
     every = round(1 / fps / h)
     position, velocity = (np.array(part)[::every] for part in zip(*states, strict=True))
-    at_hit = states[min(round(HIT_S / h), len(states) - 1)][0]
+    at_hit, v = goes_on or states[-1]
+    for _ in range(round(abs(early_s) / h)):
+        at_hit, v, _ = small_step(at_hit, v, np.sign(early_s) * h)
     roots = np.tile(np.stack([NEAR, at_hit + [0.8, 0.5, 0.0]]), (len(position), 1, 1))
     return path(position, velocity, fps=fps, roots=roots), events
+
+
+def small_step(x: np.ndarray, v: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray, bool]:
+    """A ball a little later, and whether it bounced."""
+    pull = -DRAG * np.linalg.norm(v) * v - [0.0, 0.0, 9.81]
+    x, v = x + h * v + 0.5 * h * h * pull, v + h * pull
+    landed = bool(x[2] < RADIUS and v[2] < 0 and h > 0)
+    return x, v * [0.7, 0.7, -RESTITUTION] if landed else v, landed
 
 
 def path(position: np.ndarray, velocity: np.ndarray, *, fps: float = 25.0, roots: np.ndarray | None = None) -> BallPath:
@@ -131,6 +142,44 @@ def test_a_bounce_is_on_the_ground_and_gives_back_what_the_ground_can():
         down = stepped(settled.position[before], settled.velocity[before], time - ball.times[before])[1][2]
         up = stepped(settled.position[after], settled.velocity[after], time - ball.times[after])[1][2]
         assert 0.59 - 0.1 < -up / down < 0.91 + 0.1
+
+
+@pytest.mark.parametrize("early_s", [-0.2, -0.15, 0.06, 0.12, 0.2])
+def test_a_stroke_out_of_reach_is_put_where_the_player_reaches_the_ball(early_s: float):
+    ball, events = rally(seconds=2.6, early_s=early_s)
+    ball = noisy(ball, 0.1, 0.5)
+    settled = settled_ball(ball, TENNIS)
+    assert_plausible(settled, ball)
+    (hit,) = np.flatnonzero(settled.contact_kind == "hit")
+    away = np.linalg.norm(settled.contact_position[hit] - ball.roots[0, 1])
+    assert away < 1.3
+    assert abs(settled.contact_time[hit] - HIT_S) < 0.14
+    # Where it bounces before and after stays.
+    (first, last) = (time for time, kind in events if kind == "bounce")
+    found = settled.contact_time[settled.contact_kind == "bounce"]
+    np.testing.assert_allclose(found[0], first, atol=0.03)
+    np.testing.assert_allclose(found[-1], last, atol=0.08)
+    unmoved = settled_ball(ball, TENNIS, SettleBallOptions(stroke_farthest_m=0.0))
+    (before,) = np.flatnonzero(np.isin(unmoved.contact_kind, ("hit", "free")))
+    assert np.linalg.norm(unmoved.contact_position[before] - ball.roots[0, 1]) > 1.3
+
+
+def test_a_stroke_that_nobody_can_reach_stays():
+    ball, _ = rally(early_s=0.12)
+    away = replace(ball, roots=ball.roots + [4.0, 0.0, 0.0])
+    one, other = (settled_ball(ball, TENNIS, SettleBallOptions(stroke_farthest_m=far)) for far in (0.0, 2.2))
+    settled = settled_ball(away, TENNIS)
+    np.testing.assert_allclose(settled.position, one.position, atol=0.02)
+    assert np.abs(other.position - one.position).max() > 1.0
+
+
+def test_known_frames_keep_their_flights_when_a_stroke_would_be_moved():
+    ball, _ = rally(early_s=0.12)
+    known = np.zeros(len(ball.times), dtype=bool)
+    known[:-20] = True
+    settled = settled_ball(replace(ball, known_position=known, known_velocity=known), TENNIS)
+    assert np.array_equal(settled.position[known], ball.position[known])
+    assert settled.moved_m.max() < 0.5
 
 
 def test_settling_twice_changes_little():
