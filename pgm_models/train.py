@@ -177,8 +177,7 @@ def _train(network: nn.Module, task: Task, options: TrainOptions, run: Path, edg
     """The training of one process."""
     processes, show = edges.processes, edges.show
     average = deepcopy(network).eval().requires_grad_(False)
-    fused = edges.device.type == "cuda"
-    optimiser = torch.optim.AdamW(_parameter_groups(network, options), lr=0.0, betas=(0.9, 0.99), fused=fused or None)
+    optimiser = torch.optim.AdamW(_parameter_groups(network, options), lr=0.0, betas=(0.9, 0.99), fused=True)
     about = {"train": asdict(options), "task": task.describe()}
     step, before_s = 0, 0.0
     if (run / CHECKPOINT_NAME).exists():

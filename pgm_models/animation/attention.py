@@ -113,12 +113,25 @@ class Attention(nn.Module):
         distances: Int[Tensor, "T T"],
     ) -> Float[Tensor, "B S width"]:
         """What each token gathers from all; `scale` modulates the output projection."""
-        parts = self.queries_keys_values(tokens).unflatten(2, (3, self.heads, -1))
-        value = parts[:, :, 2].transpose(1, 2)
-        both = unit_mean_square(parts[:, :, :2]).to(value.dtype).transpose(1, 3)
-        query, key = both[:, :, 0] * self.sharpness.to(value.dtype).view(self.heads, 1, -1), both[:, :, 1]
+        both, value = self.queries_keys_values(tokens).unflatten(2, (3, self.heads, -1)).split([2, 1], dim=2)
+        value = value.squeeze(2).transpose(1, 2)
+        query, key = unit_mean_square(both).to(value.dtype).transpose(1, 3).unbind(2)
+        query = query * self.sharpness.to(value.dtype).view(self.heads, 1, -1)
         added = self.shaw(query, distances) if self.shaw is not None else bias
         if added is not None:
             added = added.to(value.dtype)
-        gathered = functional.scaled_dot_product_attention(query, key, value, attn_mask=added)
-        return self.out(gathered.transpose(1, 2).flatten(2), scale)
+        return self.out(attended(query, key, value, added).transpose(1, 2).flatten(2), scale)
+
+
+def attended(
+    query: Float[Tensor, "B heads S width"],
+    key: Float[Tensor, "B heads S width"],
+    value: Float[Tensor, "B heads S width"],
+    added: Float[Tensor, "_ heads S S"] | None,
+) -> Float[Tensor, "B heads S width"]:
+    """Values weighed by the softmax of scaled products and what is added to them."""
+    if added is None or not added.requires_grad or added.device.type != "cpu":
+        return functional.scaled_dot_product_attention(query, key, value, attn_mask=added)
+    # No kernel of a CPU learns what is added; in its own products torch also looks for rows that may see nothing.
+    products = (query / math.sqrt(query.shape[-1])) @ key.transpose(-1, -2)
+    return (products + added).softmax(dim=-1) @ value

@@ -153,7 +153,8 @@ def settled_ball(ball: BallPath, scene: Scene, options: SettleBallOptions | None
     bounces, hits and the net; elsewhere only where nothing else explains the states. Frames are never below the ground,
     a bounce gives back what the scene's restitution lets it (to two deviations). Between few frames, as at 4 Hz, there
     may be several contacts: then the flights on both sides are each their own, and the contact is `unseen`; a flight of
-    one frame is that frame's own state.
+    one frame is that frame's own state. Strokes that turn the ball out of everybody's reach are put where the player
+    who sends it back reaches it, if the flight that comes goes there (`settle_reach`).
 
     Args:
         ball: What was made.

@@ -47,9 +47,7 @@ class Reached:
     """Frames whose states belong to no flight any more: between the moment a stroke had and the one it got."""
 
 
-def reached(
-    found: Joined, states: States, kept: Bool[np.ndarray, " T"], reach: Reach, world: BallWorld
-) -> Reached:
+def reached(found: Joined, states: States, kept: Bool[np.ndarray, " T"], reach: Reach, world: BallWorld) -> Reached:
     """Strokes put within reach of the players who send the ball back.
 
     Args:

@@ -3,7 +3,14 @@ import math
 import pytest
 import torch
 
-from pgm_models.animation.attention import Attention, PairBias, ShawKeys, clipped_distances, unit_mean_square
+from pgm_models.animation.attention import (
+    Attention,
+    PairBias,
+    ShawKeys,
+    attended,
+    clipped_distances,
+    unit_mean_square,
+)
 
 KINDS, TIMELESS, REACH, HEADS, WIDTH = 3, 2, 4, 2, 8
 
@@ -92,3 +99,15 @@ def test_tokens_are_brought_to_unit_mean_square(size: float) -> None:
     tokens = size * torch.randn(5, 64, generator=torch.Generator().manual_seed(0))
     torch.testing.assert_close(unit_mean_square(tokens).square().mean(-1), torch.ones(5), rtol=2e-2, atol=0)
     assert torch.equal(unit_mean_square(torch.zeros(2, 64)), torch.zeros(2, 64))
+
+
+def test_what_is_learned_is_added_as_what_is_fixed() -> None:
+    torch.manual_seed(0)
+    query, key, value = torch.randn(3, 2, HEADS, 7, 4, dtype=torch.float64)
+    added = torch.randn(1, HEADS, 7, 7, dtype=torch.float64)
+    learned = added.clone().requires_grad_(True)
+    found = attended(query, key, value, learned)
+    torch.testing.assert_close(found.detach(), attended(query, key, value, added))
+    weights = torch.softmax(query @ key.transpose(2, 3) / 2 + added, dim=-1)
+    torch.testing.assert_close(found.detach(), weights @ value)
+    assert torch.autograd.gradcheck(lambda bias: attended(query, key, value, bias), (learned,))
