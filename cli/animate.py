@@ -49,6 +49,8 @@ class AnimateCommand:
     """How far to go beyond what the words say; others than 1 take two evaluations a step."""
     temperature: float = 1.0
     """Scale of the noise; 0 for none."""
+    tries: int = 1
+    """Samples of each window, of which the one is kept whose ball turns least in mid-air: several keep words better."""
     keyframe_hz: float | None = None
     """Rate of the first stage of long sequences, frames a second; unless given, what lets one window span it all."""
     keep: int | None = None
@@ -95,6 +97,7 @@ def _check(command: AnimateCommand) -> None:
         ("--plays", command.plays, 1, 10_000),
         ("--seed", command.seed or 0, 0, 2**63 - 10_001),
         ("--steps", command.steps, 1, 100_000),
+        ("--tries", command.tries, 1, 1000),
         ("--temperature", command.temperature, 0.0, 10.0),
         ("--guidance", command.guidance, -100.0, 100.0),
         ("--threads", command.threads, 0, 1024),
@@ -145,7 +148,11 @@ def _work(command: AnimateCommand, model: "AnimationModel", digest: str) -> "Ani
         expected = f"1 to {model.options.frames - 1}, of the model's {model.options.frames} frames"
         raise option_error("--keep", expected=expected, got=command.keep)
     sample = SampleOptions(
-        sampler=command.sampler, steps=command.steps, guidance=command.guidance, temperature=command.temperature
+        sampler=command.sampler,
+        steps=command.steps,
+        guidance=command.guidance,
+        temperature=command.temperature,
+        tries=command.tries,
     )
     return AnimateWork(
         out=command.out,

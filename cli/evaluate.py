@@ -58,6 +58,8 @@ class EvaluateCommand:
     """How far to go beyond what the text says; 1 for not."""
     temperature: float = 1.0
     """Scale of the noise."""
+    tries: int = 1
+    """Samples of each window, of which the one is kept whose ball turns least in mid-air: several keep words better."""
     windows: int = 2048
     """Windows at most, evenly spread over the matches; Frechet distances need about 2,000."""
     several_windows: int = 256
@@ -167,7 +169,9 @@ def _words(
     from pgm_models.animation.evaluate_words import WordsOptions, evaluate_words
 
     kept = command.out / PARTS / WORDS if command.out is not None else None
-    asked = {"windows": command.words, "steps": command.steps, "guidance": command.guidance, "seed": command.seed}
+    asked = {"windows": command.words} | {
+        name: getattr(command, name) for name in ("steps", "guidance", "tries", "seed")
+    }
     if kept is not None and command.resume and kept.is_file():
         found = json.loads(kept.read_text(encoding="utf-8"))
         if found.get("asked") == asked:
@@ -207,6 +211,7 @@ def _options(command: EvaluateCommand, cache: Path) -> "RunEvaluationOptions":
             steps=command.steps,
             guidance=command.guidance,
             temperature=command.temperature,
+            tries=command.tries,
         ),
         scoring=EvaluateOptions(
             windows=command.windows,

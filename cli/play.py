@@ -35,6 +35,8 @@ class PlayCommand:
     """Scene file of models whose scene does not ship with pgm."""
     steps: int = 16
     """Evaluations of the animation network for each window."""
+    tries: int = 1
+    """Samples of each window, of which the one is kept whose ball turns least in mid-air: several keep words better."""
     guidance: float = 1.0
     """How far to go beyond what the words say; others than 1 take two evaluations a step."""
     settle: bool = True
@@ -81,6 +83,7 @@ def _check(command: PlayCommand) -> None:
     """Refuse options that cannot be, before anything is loaded."""
     check_ranges(
         ("--steps", command.steps, 1, 1000),
+        ("--tries", command.tries, 1, 1000),
         ("--guidance", command.guidance, -100.0, 100.0),
         ("--threads", command.threads, 0, 1024),
         ("--port", command.port, 0, 65535),
@@ -117,7 +120,7 @@ def _serve(command: PlayCommand, model: "AnimationModel", scene: "Scene", render
     from pgm_models.synthesis.play_server import PlayServer
     from pgm_models.synthesis.play_stage import Stage
 
-    sample = SampleOptions(steps=command.steps, guidance=command.guidance)
+    sample = SampleOptions(steps=command.steps, guidance=command.guidance, tries=command.tries)
     make = rally_maker(model, scene, GenerateOptions(sample=sample, settle=command.settle))
     stage = Stage(
         scene=scene,

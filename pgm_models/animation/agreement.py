@@ -32,12 +32,11 @@ from pgm_models.animation.hit_windows import (
 )
 from pgm_models.animation.keyframes import chunk_pieces
 from pgm_models.animation.layout import Layout
-from pgm_models.animation.sample import Fill
 from pgm_models.animation.settle import settled_windows
 from pgm_models.animation.store import StateStore
 from pgm_models.animation.text_features import TextFeatures
 from pgm_models.animation.window_source import windows_at
-from pgm_models.animation.windows import Windows
+from pgm_models.animation.windows import Fill, Windows
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,7 +19,6 @@ from pgm_models.animation.filled_windows import (
 )
 from pgm_models.animation.layout import Layout
 from pgm_models.animation.physics_score import Motion, fastest_speeds, physics_figures
-from pgm_models.animation.sample import Fill
 from pgm_models.animation.settle import settled_windows
 from pgm_models.animation.task_scores import (
     UNITS,
@@ -32,7 +31,7 @@ from pgm_models.animation.task_scores import (
     several_errors,
 )
 from pgm_models.animation.tasks import TaskName, scored_players, task_names
-from pgm_models.animation.windows import Windows
+from pgm_models.animation.windows import Fill, Windows
 from pgm_models.metrics import (
     Discrepancy,
     FrechetScore,

@@ -90,7 +90,7 @@ def evaluate_run(
     real = _enough("dataset", windows(options.rate, scoring.windows))
     reference = list(all_windows(other_store, frames, options.rate, scoring.windows, matches=others))
     reference = _enough("reference", reference)
-    fill, found = filler(model, options.sampling), []
+    fill, found = filler(model, options.sampling, scene), []
     count = min(sum(len(batch.names) for batch in real), scoring.windows)
     wanted = {
         "frames": frames,
@@ -177,7 +177,7 @@ def _about(
     if design.objective == "diffusion":
         sampling = options.sampling
         about |= {"sampler": sampling.sampler, "steps": sampling.steps, "prediction": design.diffusion.prediction}
-        about |= {"guidance": sampling.guidance, "temperature": sampling.temperature}
+        about |= {"guidance": sampling.guidance, "temperature": sampling.temperature, "tries": sampling.tries}
     return about
 
 

@@ -57,4 +57,4 @@ def evaluate_words(
         handedness=clip_handedness(options.dataset, scene),
     )
     asked = AgreementOptions(batch=options.scoring.batch, device=str(device), seed=options.scoring.seed)
-    return agreement(filler(model, options.sampling), store, features, found, asked, scene=scene, show=show)
+    return agreement(filler(model, options.sampling, scene), store, features, found, asked, scene=scene, show=show)

@@ -13,10 +13,9 @@ from torch import Tensor
 from pgm_data.scene import Scene
 from pgm_models.animation.encode import decode
 from pgm_models.animation.layout import Layout
-from pgm_models.animation.sample import Fill
 from pgm_models.animation.task_scores import measured, quantities
 from pgm_models.animation.tasks import TaskName, task_masks
-from pgm_models.animation.windows import Windows, chosen
+from pgm_models.animation.windows import Fill, Windows, chosen
 
 
 @dataclass(frozen=True, kw_only=True)

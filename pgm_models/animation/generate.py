@@ -24,10 +24,10 @@ from pgm_models.animation.keyframes import Pieces, Plan, plan_of
 from pgm_models.animation.layout import Layout
 from pgm_models.animation.model import AnimationModel
 from pgm_models.animation.prompt import Given, Prompt, given_by
-from pgm_models.animation.sample import Fill, SampleOptions, filler
+from pgm_models.animation.sample import SampleOptions, filler
 from pgm_models.animation.settle import settled
 from pgm_models.animation.tangents import nearest_equal
-from pgm_models.animation.windows import Windows
+from pgm_models.animation.windows import Fill, Windows
 
 AT_ONCE = 64
 """Most windows in one call of the model."""
@@ -116,7 +116,7 @@ def generate(
         keep=options.keep,
     )
     words = words_of(model, given.texts)
-    state = fill_sequence(filler(model, options.sample), given, words, plan, model.layout, generator, said)
+    state = fill_sequence(filler(model, options.sample, scene), given, words, plan, model.layout, generator, said)
     columns, notes = decode(model.layout, state, given.constants, scene=scene), ()
     if options.settle:
         known = {entry.column: given.known[:, row] for row, entry in enumerate(model.layout.properties)}

@@ -1,6 +1,5 @@
 """Filling in windows with a trained model: what everything that generates or scores goes through."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -8,13 +7,13 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from pgm_data.scene import Scene, load_scene
 from pgm_models.animation import samplers
 from pgm_models.animation.model import AnimationModel
 from pgm_models.animation.noise import sampling_grid
-from pgm_models.animation.windows import Windows
+from pgm_models.animation.plausible import best_of
+from pgm_models.animation.windows import Fill, Windows
 
-Fill = Callable[[Windows, Tensor, Tensor, torch.Generator], Tensor]
-"""Whatever can fill in windows: known (B,T,P) and text_known (B,T,A) say what of them it may see."""
 SamplerName = Literal["ddpm", "ddim", "dpmpp_2m", "sde_2m"]
 
 
@@ -30,11 +29,14 @@ class SampleOptions:
     """How far to go beyond what the text says, 1 for not; others take two evaluations a step."""
     temperature: float = 1.0
     """Scale of the noise."""
+    tries: int = 1
+    """Samples of a window, of which the one with the most plausible ball is kept (see `plausible`)."""
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        if self.steps < 1:
-            raise ValueError(f"steps: expected 1 or more, got {self.steps}")
+        for name in ("steps", "tries"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name}: expected 1 or more, got {getattr(self, name)}")
         if not self.temperature >= 0:
             raise ValueError(f"temperature: expected 0 or more, got {self.temperature}")
 
@@ -92,10 +94,21 @@ def sample(
     return torch.where(given, windows.state, x0.to(windows.state.dtype))
 
 
-def filler(model: AnimationModel, options: SampleOptions) -> Fill:
-    """The model as something that fills in windows."""
+def filler(model: AnimationModel, options: SampleOptions, scene: Scene | None = None) -> Fill:
+    """The model as something that fills in windows.
+
+    Args:
+        model: Of any design.
+        options: How.
+        scene: What the model is of, where its scene does not ship with the package.
+
+    Raises:
+        ValueError: If several tries are asked for where nothing tells which is best.
+    """
 
     def fill(windows: Windows, known: Tensor, text_known: Tensor, generator: torch.Generator) -> Tensor:
         return sample(model, windows, known, text_known, options=options, generator=generator)
 
-    return fill
+    if options.tries == 1:
+        return fill
+    return best_of(fill, options.tries, model.layout, load_scene(model.layout.scene) if scene is None else scene)

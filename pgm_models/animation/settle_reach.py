@@ -20,7 +20,7 @@ EARLIER_S, LATER_S = 0.4, 0.4
 """How far a stroke is moved in time, s."""
 MOMENTS_S = 0.01
 """Step between the moments that are looked at, s."""
-FASTER_M_S = 12.0
+FASTER_M_S = 20.0
 """By how much a flight's velocity is changed at most for it to begin elsewhere, m/s."""
 HIGHEST_M = 3.2
 """Of a stroke above the ground, metres."""
@@ -123,8 +123,8 @@ def _stroke(found: Joined, row: int, times: Float[np.ndarray, " T"], reach: Reac
         return None
     # Whoever faces a net sends the ball to it, and against the way it came.
     able = (reach.looks == 0) | ((velocity[1, 1] * reach.looks > 0) & (change[1] * reach.looks > 0))
-    begin = max(times[found.first[row]], now - EARLIER_S)
-    end = min(times[found.last[row + 1]], now + LATER_S)
+    begin = max(float(times[found.first[row]]), float(now) - EARLIER_S)
+    end = min(float(times[found.last[row + 1]]), float(now) + LATER_S)
     moments = np.unique(np.concatenate([[now], np.arange(begin, end, MOMENTS_S)]))
     path, _ = states_at(found, np.full(len(moments), row), moments - times[found.first[row]], world)
     away = np.linalg.norm(path[:, None, :2] - reach.roots_at(moments, times)[..., :2], axis=-1)

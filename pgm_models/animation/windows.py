@@ -1,5 +1,6 @@
 """A batch of windows: what the data say, before anything is masked."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import torch
@@ -46,6 +47,10 @@ class Windows:
             if isinstance(value := getattr(self, name), Tensor)
         }
         return replace(self, **moved)
+
+
+Fill = Callable[[Windows, Tensor, Tensor, torch.Generator], Tensor]
+"""Whatever can fill in windows: known (B,T,P) and text_known (B,T,A) say what of them it may see."""
 
 
 def first_of(windows: Windows, count: int) -> Windows:

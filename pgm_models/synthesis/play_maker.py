@@ -52,7 +52,7 @@ def evaluations(model: AnimationModel, prompt: Prompt, options: GenerateOptions)
     calls = sum(math.ceil(len(pieces.frames) / AT_ONCE) for pieces in plan.pieces())
     if model.options.design.objective == "reconstruction":
         return calls
-    return calls * options.sample.steps * (1 if options.sample.guidance == 1.0 else 2)
+    return calls * options.sample.tries * options.sample.steps * (1 if options.sample.guidance == 1.0 else 2)
 
 
 @contextmanager

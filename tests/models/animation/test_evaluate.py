@@ -32,9 +32,8 @@ from pgm_models.animation.evaluation_result import (
     result_to_json,
 )
 from pgm_models.animation.layout import Constant, Layout, Property
-from pgm_models.animation.sample import Fill
 from pgm_models.animation.task_scores import errors, features, measured, quantities, several_errors
-from pgm_models.animation.windows import Windows
+from pgm_models.animation.windows import Fill, Windows
 from pgm_models.metrics import frechet_distance
 
 TENNIS = load_scene("tennis")
