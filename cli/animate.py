@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from pgm_models.animation.play_run import AnimateWork
 
 SOME_FAILED, NOTHING_USABLE = 3, 4
+TRIES = 4
 HEADER = ("clip", "state", "frames", "seed", "first stage Hz", "frames/s", "trouble")
 
 
@@ -49,8 +50,9 @@ class AnimateCommand:
     """How far to go beyond what the words say; others than 1 take two evaluations a step."""
     temperature: float = 1.0
     """Scale of the noise; 0 for none."""
-    tries: int = 1
-    """Samples of each window, of which the one is kept whose ball turns least in mid-air: several keep words better."""
+    tries: int = 0
+    """Samples of each window, of which the one is kept whose ball turns least in mid-air: several keep words better. 4
+    unless given, 1 for scenes without a ball over a court."""
     keyframe_hz: float | None = None
     """Rate of the first stage of long sequences, frames a second; unless given, what lets one window span it all."""
     keep: int | None = None
@@ -86,7 +88,7 @@ def main(argv: list[str]) -> int:
     model = loaded(load_model, command.run, "cpu" if command.onnx else command.device)
     digest = _digest(model)
     scene = _scene(command, model)
-    return _animate(command, model, scene, _work(command, model, digest))
+    return _animate(command, model, scene, _work(command, model, scene, digest))
 
 
 def _check(command: AnimateCommand) -> None:
@@ -97,7 +99,7 @@ def _check(command: AnimateCommand) -> None:
         ("--plays", command.plays, 1, 10_000),
         ("--seed", command.seed or 0, 0, 2**63 - 10_001),
         ("--steps", command.steps, 1, 100_000),
-        ("--tries", command.tries, 1, 1000),
+        ("--tries", command.tries, 0, 1000),
         ("--temperature", command.temperature, 0.0, 10.0),
         ("--guidance", command.guidance, -100.0, 100.0),
         ("--threads", command.threads, 0, 1024),
@@ -139,8 +141,9 @@ def _scene(command: AnimateCommand, model: "AnimationModel") -> "Scene":
     return scene
 
 
-def _work(command: AnimateCommand, model: "AnimationModel", digest: str) -> "AnimateWork":
+def _work(command: AnimateCommand, model: "AnimationModel", scene: "Scene", digest: str) -> "AnimateWork":
     from pgm_models.animation.generate import GenerateOptions
+    from pgm_models.animation.plausible import judges
     from pgm_models.animation.play_run import AnimateWork
     from pgm_models.animation.sample import SampleOptions
 
@@ -152,7 +155,7 @@ def _work(command: AnimateCommand, model: "AnimationModel", digest: str) -> "Ani
         steps=command.steps,
         guidance=command.guidance,
         temperature=command.temperature,
-        tries=command.tries,
+        tries=command.tries or (TRIES if judges(model.layout, scene) else 1),
     )
     return AnimateWork(
         out=command.out,

@@ -22,6 +22,12 @@ MOSTLY_KNOWN = 0.25
 """Share of a window's frames: where the ball is known in more of them, on average, one sample does."""
 
 
+def judges(layout: Layout, scene: Scene) -> bool:
+    """Whether samples can be told apart: states hold a ball that flies over a court."""
+    columns = {entry.column for entry in layout.properties}
+    return scene.ball is not None and scene.court is not None and set(BALL) <= columns
+
+
 def best_of(fill: Fill, tries: int, layout: Layout, scene: Scene) -> Fill:
     """What fills in each window so often, and keeps the most plausible.
 
@@ -36,9 +42,9 @@ def best_of(fill: Fill, tries: int, layout: Layout, scene: Scene) -> Fill:
     Raises:
         ValueError: If states have no ball that flies over a court.
     """
-    columns = [entry.column for entry in layout.properties]
-    if scene.ball is None or scene.court is None or not set(BALL) <= set(columns):
+    if not judges(layout, scene):
         raise ValueError(f"tries: expected 1 in {scene.name}, which has no ball over a court to judge by, got {tries}")
+    columns = [entry.column for entry in layout.properties]
     rows = [columns.index(name) for name in BALL]
 
     def chosen(windows: Windows, known: Tensor, text_known: Tensor, generator: torch.Generator) -> Tensor:
