@@ -59,7 +59,7 @@ class Evaluation:
     """Evaluations of the network; 1 where the model reconstructs."""
     windows: int = 2_048
     """Of which one sample is drawn."""
-    several: int = 256
+    several: int = 64
     """Of those, of which several samples are drawn; 0 for none."""
     physics: bool = True
     """Whether physics is judged also at the data's own rate."""
@@ -78,7 +78,7 @@ class RunManner:
     dataset: Path
     """What is learned from."""
     test: Path
-    """Other matches, for evaluation."""
+    """Other matches, all for evaluation; of the same dataset its test split."""
     out: Path
     """Folder of the trade."""
     preset: str = "tiny"
@@ -215,6 +215,7 @@ def evaluate_model(arguments: Mapping, report: Callable[[dict], None]) -> dict:
         dataset=Path(arguments["test"]),
         reference=Path(arguments["dataset"]),
         cache=Path(arguments["cache"]),
+        split="" if arguments["test"] == arguments["dataset"] else "all",
         rate=arguments["rate"],
         physics_rate=None if arguments["physics"] else 0.0,
         sampling=SampleOptions(sampler=arguments["sampler"], steps=arguments["steps"]),

@@ -12,7 +12,7 @@ import pytest
 from pgm_data.stages.jobs import Job
 from pgm_data.stages.worker import stage_function
 from pgm_models import model_trade
-from pgm_models.animation import trade, training_plots
+from pgm_models.animation import trade, trade_runs, training_plots
 from pgm_models.animation.evaluation_result import LEAST_SHARE, EvaluationResult, PhysicsScore, Score, result_to_json
 from pgm_models.animation.layout import Layout
 from pgm_models.animation.masks import MASKS
@@ -275,6 +275,21 @@ def test_the_jobs_name_what_carries_them_out(options):
         name: jobs[0].arguments[name] for name in AnimationRunOptions.__dataclass_fields__ if name in jobs[0].arguments
     }
     assert set(jobs[0].arguments) - set(low) == {"name", "conditions"}
+
+
+def test_all_matches_of_another_dataset_are_evaluated_on(options, monkeypatch, tmp_path):
+    asked = []
+
+    def evaluate(options, parts, show):
+        asked.append(options)
+        return result()
+
+    monkeypatch.setattr(trade_runs, "evaluate_run", evaluate)
+    same = options().manner
+    for manner in (same, replace(same, test=tmp_path / "others")):
+        evaluate_model(evaluation_job(Evaluation(model=Training()), manner).arguments, lambda report: None)
+    assert [one.split for one in asked] == ["", "all"]
+    assert asked[1].dataset == tmp_path / "others" and asked[1].reference == same.dataset
 
 
 def test_each_evaluation_keeps_its_tasks_apart(options):
