@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from pgm_models.animation.model import AnimationModel
 
 NOTHING_USABLE = 4
+KEYFRAME_HZ = 8.3334
+"""First stage of the rally, frames a second: at half of that a ball is not told of often enough."""
 LOOKS = 3
 """At held-out pictures in a training."""
 AIM_M, COURT_SHARE = (0.0, -2.0, 0.0), 0.55
@@ -96,6 +98,8 @@ def play_rally(models: DemoModels, steps: DemoSteps) -> Went:
         camera,
         "--threads",
         models.threads,
+        "--keyframe-hz",
+        KEYFRAME_HZ,
         "--out",
         models.rally,
     ]
