@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 SOME_FAILED, NOTHING_USABLE = 3, 4
 TRIES = 4
+"""Samples of a window where a ball tells which is best."""
 HEADER = ("clip", "state", "frames", "seed", "first stage Hz", "frames/s", "trouble")
 
 

@@ -13,6 +13,7 @@ import torch
 from pgm_data.provenance import commit, machine, versions
 from pgm_data.stages.jobs import Job, JobEvent
 from pgm_data.stages.trade_run import TradeRun, write_text
+from pgm_models.animation.evaluate_run import DIGITS
 from pgm_models.animation.evaluate_tables import main_table, scores_csv, several_table
 from pgm_models.animation.evaluation_result import (
     EvaluationResult,
@@ -23,7 +24,7 @@ from pgm_models.animation.evaluation_result import (
 from pgm_models.animation.masks import MASKS
 from pgm_models.animation.presets import DESIGNS
 from pgm_models.animation.trade_plots import Curve, SpeedPanel, speed_svg
-from pgm_models.animation.trade_runs import DIGITS, Evaluation, RunManner, Training, evaluation_job, training_job
+from pgm_models.animation.trade_runs import Evaluation, RunManner, Training, evaluation_job, training_job
 from pgm_models.animation.trade_tables import (
     Results,
     error,

@@ -8,7 +8,7 @@ from typing import Literal
 import torch
 
 from pgm_data.stages.jobs import Job
-from pgm_models.animation.evaluate_run import RunEvaluationOptions, evaluate_run
+from pgm_models.animation.evaluate_run import DIGITS, RunEvaluationOptions, evaluate_run
 from pgm_models.animation.evaluation_result import result_to_json
 from pgm_models.animation.filled_windows import EvaluateOptions
 from pgm_models.animation.presets import PRESETS
@@ -20,8 +20,6 @@ from pgm_models.train import Outcome
 
 RUNS_NAME, EVALUATIONS_NAME, CACHE_NAME = "runs", "evaluations", "cache"
 """Folders of a trade: its trainings; finished tasks of its evaluations; and what is computed once from its datasets."""
-DIGITS = 12
-"""Hexadecimal digits by which a dataset is told."""
 
 
 @dataclass(frozen=True, kw_only=True)
